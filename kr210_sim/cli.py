@@ -1,0 +1,160 @@
+"""The command line: the one place that parses options, prints, and turns errors into exit codes."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+import traceback
+from collections.abc import Sequence
+from importlib.metadata import version
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NoReturn
+
+from kr210_sim import __version__
+from kr210_sim.config import RunConfig
+from kr210_sim.exceptions import BadInput
+
+if TYPE_CHECKING:
+    from kr210_sim.score import CycleScore
+
+EXIT_PASSED, EXIT_GATE, EXIT_BAD_INPUT, EXIT_INTERNAL, EXIT_INTERRUPTED = 0, 1, 2, 3, 130
+
+
+class _Parser(argparse.ArgumentParser):
+    """Argument errors in one line, with exit status 2."""
+
+    def error(self, message: str) -> NoReturn:
+        raise BadInput(message.replace("argument ", "", 1))
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the command line; returns the exit status."""
+    try:
+        options = _parser().parse_args(argv)
+        return int(options.verb(options))
+    except BadInput as error:
+        print(f"kr210-sim: {error}", file=sys.stderr)
+        return EXIT_BAD_INPUT
+    except KeyboardInterrupt:
+        print("kr210-sim: interrupted; what is finished is kept", file=sys.stderr)
+        return EXIT_INTERRUPTED
+    except OSError as error:
+        print(f"kr210-sim: {error}; what is finished is kept", file=sys.stderr)
+        return EXIT_INTERNAL
+    except Exception:
+        traceback.print_exc()
+        print("kr210-sim: internal error, please report the lines above", file=sys.stderr)
+        return EXIT_INTERNAL
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = _Parser(prog="kr210-sim", description="KUKA KR210 pick and place in MuJoCo, scored.")
+    versions = f"kr210-sim {__version__}, MuJoCo {version('mujoco')}, ruckig {version('ruckig')}"
+    parser.add_argument("--version", action="version", version=versions)
+    verbs = parser.add_subparsers(metavar="VERB", required=True)
+    _add_run(verbs)
+    return parser
+
+
+def _add_run(verbs: Any) -> None:
+    parser = verbs.add_parser(
+        "run",
+        help="run and score pick-and-place cycles",
+        description="Run and score pick-and-place cycles. Exit status: 0 gate met, 1 not met, "
+        "2 bad input, 3 internal error, 130 interrupted.",
+        allow_abbrev=False,
+    )
+    types: dict[str, Any] = {
+        "cycles": int, "seed": int, "mass": float, "speed": float, "min_success": float,
+        "robot": Path, "out": Path,
+    }
+    for name, (default, metadata) in RunConfig.metadata().items():
+        option = "--" + name.replace("_", "-")
+        text = metadata["help"]
+        if name == "json":
+            parser.add_argument(option, action="store_true", help=text)
+        elif name == "video":
+            parser.add_argument(option, nargs="?", const="", metavar=metadata["metavar"], help=text)
+        else:
+            shown = "" if default is None else f" (default: {default})"
+            parser.add_argument(
+                option,
+                type=types.get(name, str),
+                default=default,
+                metavar=metadata["metavar"],
+                help=text + shown,
+            )
+    parser.add_argument("--list-scenes", action="store_true", help="list the bundled scenes and exit")
+    parser.set_defaults(verb=_run)
+
+
+def _run(options: argparse.Namespace) -> int:
+    if options.list_scenes:
+        from kr210_sim.scene import list_scenes
+
+        print("\n".join(list_scenes()))
+        return EXIT_PASSED
+    config = RunConfig(**{name: getattr(options, name) for name in RunConfig.metadata()})
+    film = _film(config)
+    from kr210_sim.runner import run
+    from kr210_sim.summary import HEADER, cycle_line, summary_text
+
+    text = sys.stderr if config.json else sys.stdout
+    bar = _Bar(config.cycles)
+    header = [HEADER]
+
+    def report(score: CycleScore) -> None:
+        bar.clear()
+        while header:
+            print(header.pop(), file=text)
+        print(cycle_line(score), file=text, flush=True)
+        bar.show(score.record.cycle + 1)
+
+    bar.show(0)
+    try:
+        out, summary = run(config, on_cycle=report)
+    finally:
+        bar.clear()
+    print(f"\n{summary_text(summary)}", file=text)
+    print(f"results        {out}", file=text, flush=True)
+    if film is not None:
+        target = Path(config.video or out / "film.mp4")
+        film(out, target)
+        print(f"film           {target}", file=text)
+    if config.json:
+        print(json.dumps(summary, indent=2, allow_nan=False))
+    return EXIT_PASSED if summary["passed"] else EXIT_GATE
+
+
+def _film(config: RunConfig) -> Any:
+    """Return the function that films a run, or None if no film is asked for.
+
+    Checked before the run, so that nobody waits for cycles that cannot be filmed.
+    """
+    if config.video is None:
+        return None
+    from kr210_sim.video import film_run, find_gl
+
+    target = Path(config.video) if config.video else None
+    if target is not None and (target.suffix != ".mp4" or not target.parent.is_dir()):
+        raise BadInput(f"--video: {target} must be a .mp4 in a folder that exists")
+    backend = find_gl()
+    return lambda out, path: film_run(out, path, backend=backend)
+
+
+class _Bar:
+    """A progress bar on a terminal; nothing elsewhere."""
+
+    def __init__(self, total: int) -> None:
+        self._total, self._shown = total, sys.stderr.isatty()
+
+    def show(self, done: int) -> None:
+        if self._shown and done < self._total:
+            filled = 30 * done // self._total
+            bar = "#" * filled + "-" * (30 - filled)
+            print(f"\r[{bar}] {done}/{self._total} cycles", end="", file=sys.stderr, flush=True)
+
+    def clear(self) -> None:
+        if self._shown:
+            print("\r\x1b[K", end="", file=sys.stderr, flush=True)

@@ -1,0 +1,81 @@
+"""RunConfig: the options of a run, their defaults, their help texts and what makes them valid."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import asdict, dataclass, field, fields
+from pathlib import Path
+from typing import Any
+
+from kr210_sim.exceptions import BadInput
+
+MAX_CYCLES = 1_000_000
+EPISODE_CYCLES = 10
+"""Cycles in one scene; targets that earlier cycles placed stay in the bin."""
+
+
+def _option(default: Any, help_text: str, metavar: str | None = None) -> Any:
+    return field(default=default, metadata={"help": help_text, "metavar": metavar})
+
+
+@dataclass(frozen=True, kw_only=True)
+class RunConfig:
+    """Options of `kr210-sim run`; each field is the command-line option of the same name.
+
+    Raises:
+        BadInput: on construction, if a value is impossible, naming the option and the remedy.
+    """
+
+    cycles: int = _option(10, "number of pick-and-place cycles", "N")
+    seed: int = _option(0, "seed of the run; every cycle derives its own from it", "S")
+    scene: str = _option("shelf_and_bin", "bundled scene or path of an MJCF world", "NAME|PATH")
+    robot: Path | None = _option(None, "a .xacro or .urdf; default: the bundled KR210", "PATH")
+    cell: str = _option(
+        "random",
+        "cell of the target: a number, 'random' (drawn for every cycle) or 'all' (a target in every "
+        "cell, taken in turn)",
+        "N|random|all",
+    )
+    mass: float = _option(1.0, "mass of the target [kg]", "KG")
+    speed: float = _option(
+        1.0, "0 < F <= 1: velocity x F, acceleration x F^2, jerk x F^3", "F"
+    )
+    min_success: float = _option(0.8, "success rate below which the exit status is 1", "F")
+    out: Path | None = _option(
+        None, "folder of the results; default: runs/<time>-seed<S>; never overwritten", "DIR"
+    )
+    json: bool = _option(False, "print the summary as JSON on stdout, all else on stderr")
+    video: str | None = _option(
+        None, "film of the run, off screen; default path: <out>/film.mp4", "PATH"
+    )
+
+    def __post_init__(self) -> None:
+        """Check every value."""
+        if not 1 <= self.cycles <= MAX_CYCLES:
+            raise BadInput(f"--cycles: {self.cycles} is out of range; give 1 to {MAX_CYCLES}")
+        if self.seed < 0:
+            raise BadInput(f"--seed: {self.seed} is negative; give 0 or more")
+        if self.cell not in ("random", "all") and not _is_cell_number(self.cell):
+            raise BadInput(f"--cell: '{self.cell}' is no cell; give a number from 1, random or all")
+        if not (math.isfinite(self.mass) and self.mass > 0):
+            raise BadInput(f"--mass: {self.mass} is impossible; give kilograms above 0")
+        if not (math.isfinite(self.speed) and 0 < self.speed <= 1):
+            raise BadInput(f"--speed: {self.speed} is out of range; give 0 < F <= 1")
+        if not 0 <= self.min_success <= 1:
+            raise BadInput(f"--min-success: {self.min_success} is no rate; give 0 <= F <= 1")
+
+    def as_json(self) -> dict[str, Any]:
+        """Return the options as plain JSON values."""
+        return {
+            name: str(value) if isinstance(value, Path) else value
+            for name, value in asdict(self).items()
+        }
+
+    @classmethod
+    def metadata(cls) -> dict[str, Any]:
+        """Return help, metavar and default of each option, by field name."""
+        return {item.name: (item.default, item.metadata) for item in fields(cls)}
+
+
+def _is_cell_number(text: str) -> bool:
+    return text.isascii() and text.isdigit() and int(text) >= 1

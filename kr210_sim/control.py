@@ -1,0 +1,87 @@
+"""Trajectory -> ctrl rows, one per physics step: arm servos with velocity feed-forward, and gripper."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from kr210_sim.simulation import Simulation
+from kr210_sim.trajectory import ACCELERATION_TIME, JERK_TIME, TimeLaw, Trajectory
+
+Array = NDArray[np.float64]
+
+FINGER_QUICKNESS = 5.0
+"""Fingers reach their velocity limit this many times sooner than the arm joints theirs."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Commands:
+    """What is commanded over some physics steps.
+
+    Attributes:
+        ctrl: (n, nu) actuator commands.
+        q: (n, 6) desired arm configuration [rad] at the beginning of each step.
+        T_base_tcp: (n, 4, 4) its TCP pose.
+    """
+
+    ctrl: Array
+    q: Array
+    T_base_tcp: Array
+
+
+class Controller:
+    """Feeds the position actuators of one robot.
+
+    An actuator's force is kp (ctrl - q) - kv qd, so ctrl = q_des + (kv/kp) qd_des cancels the drag of
+    the velocity term: the servo then follows without a speed-dependent lag. The desired state is
+    sampled at the beginning of each step, not one step ahead.
+    """
+
+    def __init__(self, simulation: Simulation) -> None:
+        model, address = simulation.model, simulation.addresses
+        self._robot = simulation.scene.robot
+        self._step = float(model.opt.timestep)
+        self._lead = -model.actuator_biasprm[address.arm_ctrl, 2] / (
+            model.actuator_gainprm[address.arm_ctrl, 0]
+        )
+        self._arm_ctrl, self._finger_ctrl, self._nu = address.arm_ctrl, address.finger_ctrl, model.nu
+        q = np.array(simulation.data.ctrl[address.arm_ctrl])[None]
+        self._arm = Commands(ctrl=q, q=q, T_base_tcp=self._robot.forward(q))
+        self._finger = np.array([simulation.data.ctrl[address.finger_ctrl]])
+        self._arm_done = self._finger_done = 0
+
+    @property
+    def moving(self) -> bool:
+        """Whether the current trajectory has steps left."""
+        return self._arm_done < len(self._arm.q)
+
+    def follow(self, trajectory: Trajectory) -> None:
+        """Start a trajectory at the next physics step."""
+        count = int(np.ceil(trajectory.duration / self._step - 1e-9)) + 1
+        q, qd, _ = trajectory(np.arange(count) * self._step)
+        self._arm = Commands(ctrl=q + self._lead * qd, q=q, T_base_tcp=self._robot.forward(q))
+        self._arm_done = 0
+
+    def drive_fingers(self, position: float) -> None:
+        """Start moving the finger command to a joint position [m], jerk-limited."""
+        start = float(self._finger[min(self._finger_done, len(self._finger) - 1)])
+        velocity = self._robot.finger_velocity
+        acceleration = velocity / ACCELERATION_TIME * FINGER_QUICKNESS
+        jerk = acceleration / JERK_TIME * FINGER_QUICKNESS
+        law = TimeLaw(abs(position - start), velocity, acceleration, jerk)
+        times = np.arange(int(np.ceil(law.duration / self._step - 1e-9)) + 1) * self._step
+        self._finger = start + np.sign(position - start) * law(times)[0]
+        self._finger_done = 0
+
+    def next(self, count: int) -> Commands:
+        """Return the commands of the next physics steps; a finished motion holds its end."""
+        arm = np.minimum(np.arange(count) + self._arm_done, len(self._arm.q) - 1)
+        finger = np.minimum(np.arange(count) + self._finger_done, len(self._finger) - 1)
+        self._arm_done += count
+        self._finger_done += count
+        ctrl = np.empty((count, self._nu))
+        ctrl[:, self._arm_ctrl] = self._arm.ctrl[arm]
+        ctrl[:, self._finger_ctrl] = self._finger[finger]
+        return Commands(ctrl=ctrl, q=self._arm.q[arm], T_base_tcp=self._arm.T_base_tcp[arm])

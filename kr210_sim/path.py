@@ -1,0 +1,81 @@
+"""A joint path: the geometry of a motion, without time."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.interpolate import BSpline, make_interp_spline
+
+Array = NDArray[np.float64]
+
+_DEGREE = 5
+"""Quintic splines: the third derivative, from which jerk follows, is smooth."""
+
+_NORM = 8.0
+"""Exponent of the smooth maximum over joints that defines the arc length."""
+
+_FINE = 400  # samples of the arc-length integral
+_KNOTS = 60  # samples that the reparametrised spline passes through
+
+
+class Path:
+    """A curve q(s), s in [0, 1], through joint space.
+
+    s is proportional to the arc length in the velocity-weighted norm (sum_j |dq_j / v_j|^8)^(1/8),
+    so that a constant ds/dt uses about the same share of the velocity limits everywhere.
+    """
+
+    def __init__(self, spline: BSpline) -> None:
+        self._derivatives = [spline]
+        for _ in range(3):
+            self._derivatives.append(self._derivatives[-1].derivative())
+
+    @classmethod
+    def straight(cls, q_start: Array, q_end: Array) -> Path:
+        """Return the straight joint line between two configurations (6,) [rad]."""
+        s = np.linspace(0.0, 1.0, _DEGREE + 1)
+        points = q_start + s[:, None] * (q_end - q_start)
+        return cls(make_interp_spline(s, points, k=_DEGREE))
+
+    @classmethod
+    def through(cls, q: Array, velocity: Array) -> Path:
+        """Return a smooth path through samples of a smooth curve.
+
+        Args:
+            q: (N, 6) samples [rad], N >= 6, spaced about evenly along the curve.
+            velocity: (6,) velocity limits [rad/s], the weights of the arc length.
+        """
+        u = np.linspace(0.0, 1.0, len(q))
+        curve = make_interp_spline(u, q, k=_DEGREE)
+        fine = np.linspace(0.0, 1.0, _FINE)
+        rate = np.sum(np.abs(curve.derivative()(fine) / velocity) ** _NORM, axis=1) ** (1 / _NORM)
+        length = np.concatenate([[0.0], np.cumsum((rate[1:] + rate[:-1]) / 2)])
+        if length[-1] < 1e-12:
+            return cls(curve)
+        # The inverse of a smooth increasing function, so that u(s) is smooth as well.
+        inverse = make_interp_spline(length / length[-1], fine, k=3)
+        s = np.linspace(0.0, 1.0, max(_KNOTS, len(q)))
+        u_of_s = np.clip(inverse(s), 0.0, 1.0)
+        u_of_s[0], u_of_s[-1] = 0.0, 1.0
+        return cls(make_interp_spline(s, curve(u_of_s), k=_DEGREE))
+
+    def __call__(self, s: Array, order: int = 0) -> Array:
+        """Return the derivative of that order (0 to 3) of q with respect to s: (N,) -> (N, 6)."""
+        return np.asarray(self._derivatives[order](s))
+
+    @property
+    def start(self) -> Array:
+        """First configuration (6,) [rad]."""
+        return self(np.zeros(1))[0]
+
+    @property
+    def end(self) -> Array:
+        """Last configuration (6,) [rad]."""
+        return self(np.ones(1))[0]
+
+    def samples(self, step: float) -> Array:
+        """Return configurations (N, 6) no further apart than `step` [rad] in any joint."""
+        coarse = self(np.linspace(0.0, 1.0, 33))
+        travel = float(np.max(np.sum(np.abs(np.diff(coarse, axis=0)), axis=0)))
+        count = max(2, int(np.ceil(1.3 * travel / step)) + 1)
+        return self(np.linspace(0.0, 1.0, count))

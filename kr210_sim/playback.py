@@ -1,0 +1,51 @@
+"""Record -> model state: the saved world of an episode and how recorded joints map into it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from kr210_sim.record import CycleRecord
+from kr210_sim.scene import ROBOT_PREFIX, Scene, Target, add_target
+
+Array = NDArray[np.float64]
+
+_PARKING_PITCH = 0.3  # [m], between parked targets
+
+
+def episode_world(scene: Scene, targets: Sequence[Target], records: Sequence[CycleRecord]) -> str:
+    """Return the MJCF of an episode's world with all its targets.
+
+    The keyframe `cycle_NNNN` is the state in which that cycle began. A target that was not in the
+    world yet, or no longer, is parked upright on the floor behind the robot.
+    """
+    spec = scene.spec.copy()
+    for target in targets:
+        add_target(spec, scene, target)
+    model = spec.compile()
+    parked = np.array(model.qpos0)
+    for target in targets:
+        address = int(model.joint(target.name).qposadr[0])
+        behind = scene.T_world_base @ [-2.0, _PARKING_PITCH * target.number - 1.5, 0.0, 1.0]
+        parked[address : address + 7] = [*behind[:2], target.length / 2, 1.0, 0.0, 0.0, 0.0]
+    ctrl = np.array(model.key(f"{ROBOT_PREFIX}home").ctrl)
+    for record in records:
+        qpos = parked.copy()
+        place_joints(model, qpos, record.joint_names, record.start_qpos)
+        spec.add_key(name=f"cycle_{record.cycle:04d}", qpos=qpos, ctrl=ctrl)
+    spec.compile()
+    return str(spec.to_xml())
+
+
+def place_joints(
+    model: mujoco.MjModel, qpos: Array, joint_names: Sequence[tuple[str, int]], values: Array
+) -> None:
+    """Write recorded joint values into `qpos` of a model that has at least these joints."""
+    start = 0
+    for name, width in joint_names:
+        address = int(model.joint(name).qposadr[0])
+        qpos[address : address + width] = values[start : start + width]
+        start += width

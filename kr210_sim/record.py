@@ -1,0 +1,133 @@
+"""CycleRecord: everything that was commanded and measured in one cycle, in memory and on disk."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+RECORD_STEP = 0.010
+"""Interval at which the state is kept [s]; extremes cover every physics step in between."""
+
+STAGES = (
+    "MOVE_TO_PICK",
+    "APPROACH",
+    "CLOSE_GRIPPER",
+    "LIFT",
+    "WITHDRAW",
+    "MOVE_TO_PLACE",
+    "LOWER",
+    "OPEN_GRIPPER",
+    "RETREAT",
+    "MOVE_HOME",
+    "SETTLE",
+)
+"""The stages of a cycle; SETTLE waits, arm at home, until the target rests."""
+
+MOTION_STAGES = frozenset(STAGES) - {"CLOSE_GRIPPER", "OPEN_GRIPPER", "SETTLE"}
+
+
+@dataclass(frozen=True, kw_only=True)
+class Event:
+    """Something that went wrong: a condition broken or a stage that could not go on.
+
+    Attributes:
+        reason: one of the closed list of reasons in `score`.
+        stage: stage in which it happened.
+        time: since the start of the cycle [s].
+        detail: bodies, joints or values involved, one clause.
+    """
+
+    reason: str
+    stage: str
+    time: float
+    detail: str
+
+
+@dataclass(kw_only=True)
+class CycleRecord:
+    """One cycle as it was planned, commanded, measured; `score.score_cycle` judges it.
+
+    Attributes:
+        cycle, episode: indices in the run.
+        seed: of this cycle.
+        cell: number of the cell the target stood in.
+        target: mass [kg], radius and length [m] of the target.
+        series: name -> (n, ...) array over record steps; `SERIES` explains each.
+        events: in order of time; the first is the cause of a failure.
+        final: name -> number at the end of the cycle; null where it was not reached.
+        p_base_release: (3,) planned release point, or None without a plan.
+        ik_offset_m, ik_offset_rad: (N,) offsets of all solved poses.
+        home_time: when the arm was back at home [s], or None.
+        wall_clock: everything that depends on the machine's clock [s].
+        joint_names: name and width of each joint's part of `qpos`, in order.
+        start_qpos: `qpos` at the beginning of the cycle.
+    """
+
+    cycle: int
+    episode: int
+    seed: int
+    cell: int
+    target: dict[str, float]
+    series: dict[str, Array] = field(default_factory=dict)
+    events: list[Event] = field(default_factory=list)
+    final: dict[str, float] = field(default_factory=dict)
+    p_base_release: Array | None = None
+    ik_offset_m: Array = field(default_factory=lambda: np.empty(0))
+    ik_offset_rad: Array = field(default_factory=lambda: np.empty(0))
+    home_time: float | None = None
+    wall_clock: dict[str, float] = field(default_factory=dict)
+    joint_names: list[tuple[str, int]] = field(default_factory=list)
+    start_qpos: Array = field(default_factory=lambda: np.empty(0))
+
+    def stage_mask(self, stages: frozenset[str]) -> NDArray[np.bool_]:
+        """Return which record steps (n,) belong to the stages named."""
+        indices = [index for index, stage in enumerate(STAGES) if stage in stages]
+        return np.isin(self.series["stage"], indices)
+
+
+SERIES = {
+    "time": "since the start of the cycle [s], at the end of the record step",
+    "stage": "index into STAGES",
+    "qpos": "MuJoCo's qpos [m, rad]",
+    "ctrl": "actuator commands [rad, m]",
+    "tcp_commanded": "position [m] and quat_wxyz in the base frame",
+    "tcp_measured": "position [m] and quat_wxyz in the base frame",
+    "tracking_max": "largest distance of measured from commanded TCP [m]",
+    "finger_force": "net contact force of the right and left finger on the target [N]",
+    "fingers_touch": "1 if the right, left finger touched the target at every physics step",
+    "clear_height_max": "largest height [m] above rest with both fingers and nothing else touching",
+    "slip_m_max": "largest shift of the target in the TCP frame since lift-off [m]",
+    "slip_rad_max": "largest turn of the target in the TCP frame since lift-off [rad]",
+    "position_excess_max": "largest excess of a joint position over its limit [rad]",
+    "speed_ratio_max": "largest joint speed over its limit",
+    "effort_ratio_max": "largest joint effort, gravity compensation included, over its limit",
+    "target_speed_max": "largest speed of the target [m/s]",
+    "target_spin_max": "largest angular speed of the target [rad/s]",
+    "foreign_contacts_max": "largest number of contacts that are not permitted",
+}
+"""What each series of a record holds."""
+
+
+def save_record(record: CycleRecord, path: Path) -> None:
+    """Write the series of a record as float32 to an .npz file, with joint and stage names."""
+    arrays: dict[str, Any] = {
+        name: values.astype(np.float32) for name, values in record.series.items()
+    }
+    arrays["stage_names"] = np.array(STAGES)
+    arrays["joint_names"] = np.array([name for name, _ in record.joint_names])
+    arrays["joint_widths"] = np.array([width for _, width in record.joint_names])
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with path.open("wb") as file:
+        np.savez_compressed(file, **arrays)
+
+
+def load_series(path: Path) -> dict[str, Any]:
+    """Read what `save_record` wrote."""
+    with np.load(path) as archive:
+        return {name: archive[name] for name in archive.files}

@@ -1,0 +1,25 @@
+"""Where the bundled robots and scenes lie, in a checkout and in an installed wheel alike."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+_PACKAGE = Path(__file__).resolve().parent
+
+
+def resource(*parts: str) -> Path:
+    """Return the path of a bundled file or folder below `assets/` or `scenes/`.
+
+    A wheel carries the two folders inside the package; a checkout has them beside it.
+
+    Args:
+        parts: path components, the first of them "assets" or "scenes".
+
+    Raises:
+        FileNotFoundError: if the installation lacks it.
+    """
+    for root in (_PACKAGE, _PACKAGE.parent):
+        path = root.joinpath(*parts)
+        if path.exists():
+            return path
+    raise FileNotFoundError(f"{'/'.join(parts)} is missing from this installation of kr210-sim")

@@ -1,0 +1,241 @@
+"""Many cycles: seeds, episodes, targets, and the files a run leaves behind."""
+
+from __future__ import annotations
+
+import json
+import math
+import platform
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+import mujoco
+import numpy as np
+
+from kr210_sim import __version__
+from kr210_sim.config import EPISODE_CYCLES, RunConfig
+from kr210_sim.cycle import CycleSetup, Probe, run_cycle
+from kr210_sim.description import load_description
+from kr210_sim.exceptions import BadInput
+from kr210_sim.mjcf import robot_spec
+from kr210_sim.playback import episode_world
+from kr210_sim.record import CycleRecord, save_record
+from kr210_sim.resources import resource
+from kr210_sim.robot import find_robot
+from kr210_sim.scene import Scene, Target, build_scene, find_scene
+from kr210_sim.score import CycleScore, score_cycle
+from kr210_sim.simulation import Simulation
+from kr210_sim.summary import summarize
+from kr210_sim.trajectory import MotionLimits
+
+TARGET_LENGTH = 0.25  # [m]
+
+OnCycle = Callable[[CycleScore], None]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Episode:
+    """Cycles that share a scene: indices, seed, and the cell of every cycle.
+
+    Attributes:
+        index: in the run.
+        first_cycle: index in the run of its first cycle.
+        seeds: one per cycle.
+        cells: cell number per cycle.
+        all_from_start: whether all targets stand in their cells from the start.
+    """
+
+    index: int
+    first_cycle: int
+    seeds: tuple[int, ...]
+    cells: tuple[int, ...]
+    all_from_start: bool
+
+
+def load_world(config: RunConfig) -> Scene:
+    """Build the scene with its robot, and check the options that depend on them.
+
+    Raises:
+        BadInput: naming the option or file.
+    """
+    description = load_description(config.robot or resource("assets", "kr210", "kr210.urdf.xacro"))
+    robot = find_robot(description)
+    scene = build_scene(find_scene(config.scene), robot, robot_spec(description, robot))
+    if config.cell not in ("random", "all") and int(config.cell) > len(scene.cells):
+        raise BadInput(
+            f"--cell: scene '{scene.name}' has no cell {config.cell}; give 1 to {len(scene.cells)}, "
+            "random or all"
+        )
+    if config.mass > robot.max_payload:
+        raise BadInput(
+            f"--mass: {config.mass:g} kg is more than the grip holds; give at most "
+            f"{robot.max_payload:.3g} kg (grip force over 15 N per kg and finger)"
+        )
+    return scene
+
+
+def plan_episodes(config: RunConfig, scene: Scene) -> Iterator[Episode]:
+    """Share the cycles of a run out to episodes.
+
+    One SeedSequence is spawned per episode and from there per cycle, so an episode depends on its
+    own index only.
+    """
+    everywhere = config.cell == "all"
+    size = len(scene.cells) if everywhere else EPISODE_CYCLES
+    count = math.ceil(config.cycles / size)
+    for index, sequence in enumerate(np.random.SeedSequence(config.seed).spawn(count)):
+        first = index * size
+        seeds = tuple(int(child.generate_state(1)[0]) for child in sequence.spawn(size))
+        if everywhere:
+            cells = tuple(cell.number for cell in scene.cells)
+        elif config.cell == "random":
+            cells = tuple(
+                int(np.random.default_rng(seed).integers(1, len(scene.cells) + 1)) for seed in seeds
+            )
+        else:
+            cells = (int(config.cell),) * size
+        used = min(size, config.cycles - first)
+        yield Episode(
+            index=index,
+            first_cycle=first,
+            seeds=seeds[:used],
+            cells=cells[:used],
+            all_from_start=everywhere,
+        )
+
+
+def run_episode(
+    scene: Scene, episode: Episode, *, mass: float, limits: MotionLimits, probe: Probe | None = None
+) -> Iterator[tuple[Target, CycleScore]]:
+    """Run the cycles of one episode, yielding each target and its score as it is finished.
+
+    A target that was placed stays in the bin; one whose cycle failed is taken away, and the robot
+    starts the next cycle at home.
+    """
+    mujoco.set_mju_user_warning(_ignore)  # the simulation is asked instead, and no log file appears
+    simulation = Simulation(scene)
+    targets = [
+        Target(
+            number=index,
+            cell=cell,
+            mass=mass,
+            T_base_target=scene.stand_in_cell(cell, TARGET_LENGTH),
+            length=TARGET_LENGTH,
+        )
+        for index, cell in enumerate(episode.cells)
+    ]
+    if episode.all_from_start:
+        for target in targets:
+            simulation.add(target)
+    for index, target in enumerate(targets):
+        if not episode.all_from_start:
+            simulation.add(target)
+        setup = CycleSetup(
+            cycle=episode.first_cycle + index,
+            episode=episode.index,
+            seed=episode.seeds[index],
+            limits=limits,
+        )
+        record = run_cycle(simulation, target, setup, probe=probe)
+        score = score_cycle(record, time_limit=scene.time_limit)
+        yield target, score
+        if not score.success:
+            simulation.remove(target.name)
+            simulation.reset_robot()
+
+
+def _ignore(_message: str) -> None:
+    return
+
+
+def run(config: RunConfig, *, on_cycle: OnCycle = lambda score: None) -> tuple[Path, dict[str, Any]]:
+    """Run all cycles and write the results.
+
+    Args:
+        config: the options.
+        on_cycle: called with every score as it is finished.
+
+    Returns:
+        The folder of the results and the summary.
+
+    Raises:
+        BadInput: before anything is written.
+        KeyboardInterrupt: after what is finished has been written.
+    """
+    started = time.perf_counter()
+    scene = load_world(config)
+    limits = MotionLimits.from_velocity(scene.robot.velocity, config.speed)
+    out = _new_folder(config)
+    _write_json(out / "config.json", _provenance(config, scene))
+    scores: list[CycleScore] = []
+    try:
+        for episode in plan_episodes(config, scene):
+            finished: list[tuple[Target, CycleScore]] = []
+            try:
+                for target, score in run_episode(
+                    scene, episode, mass=config.mass, limits=limits
+                ):
+                    finished.append((target, score))
+                    on_cycle(score)
+            finally:
+                scores += [score for _, score in finished]
+                _write_episode(out, scene, episode, finished)
+    finally:
+        summary = summarize(
+            scores,
+            seed=config.seed,
+            min_success=config.min_success,
+            limits=limits,
+            notes=scene.notes,
+            wall_time_s=time.perf_counter() - started,
+        )
+        _write_json(out / "summary.json", summary)
+    return out, summary
+
+
+def _new_folder(config: RunConfig) -> Path:
+    stamp = time.strftime("%Y%m%d-%H%M%S")
+    out = config.out or Path("runs") / f"{stamp}-seed{config.seed}"
+    if out.exists() and (not out.is_dir() or any(out.iterdir())):
+        raise BadInput(f"--out: {out} is not empty; name a folder that does not exist yet")
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+        (out / "cycles").mkdir()
+    except OSError as error:
+        raise BadInput(f"--out: {out} cannot be written ({error.strerror}); name another") from error
+    return out
+
+
+def _provenance(config: RunConfig, scene: Scene) -> dict[str, Any]:
+    packages = ("mujoco", "numpy", "scipy", "ruckig", "yourdfpy", "xacro")
+    return {
+        "schema_version": 1,
+        "options": config.as_json(),
+        "scene_cells": len(scene.cells),
+        "versions": {"kr210-sim": __version__, "python": platform.python_version()}
+        | {name: version(name) for name in packages},
+    }
+
+
+def _write_episode(
+    out: Path, scene: Scene, episode: Episode, finished: list[tuple[Target, CycleScore]]
+) -> None:
+    if not finished:
+        return
+    records: list[CycleRecord] = [score.record for _, score in finished]
+    folder = out / "episodes" / f"{episode.index:04d}"
+    folder.mkdir(parents=True, exist_ok=True)
+    world = episode_world(scene, [target for target, _ in finished], records)
+    (folder / "scene.xml").write_text(world, encoding="utf-8")
+    for record in records:
+        save_record(record, out / "cycles" / f"{record.cycle:04d}.npz")
+    with (out / "cycles.jsonl").open("a", encoding="utf-8") as file:
+        for _, score in finished:
+            file.write(json.dumps(score.as_json(), allow_nan=False) + "\n")
+
+
+def _write_json(path: Path, content: dict[str, Any]) -> None:
+    path.write_text(json.dumps(content, indent=2, allow_nan=False) + "\n", encoding="utf-8")

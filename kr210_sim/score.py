@@ -1,0 +1,172 @@
+"""CycleRecord -> CycleScore: the eight conditions of success, and the first cause of a failure."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from kr210_sim.criteria import (
+    CONDITIONS,
+    EFFORT_RATIO_LIMIT,
+    HOME_SLACK,
+    LIFT_HEIGHT_LIMIT,
+    POSITION_SLACK,
+    REST_TIME,
+    SLIP_LIMIT,
+    SPEED_RATIO_LIMIT,
+)
+from kr210_sim.record import MOTION_STAGES, STAGES, CycleRecord, Event
+from kr210_sim.stats import spread
+
+Array = NDArray[np.float64]
+
+_CARRYING = frozenset({"LIFT", "WITHDRAW", "MOVE_TO_PLACE", "LOWER"})
+
+
+@dataclass(frozen=True, kw_only=True)
+class CycleScore:
+    """The verdict on one cycle.
+
+    Attributes:
+        conditions: name -> whether it holds, all of `criteria.CONDITIONS`.
+        cause: the first cause of the failure, None on success.
+        cycle_time_s: from leaving home to the return to it [s], None if it did not return.
+        motion_time_s: time in the motion stages [s].
+        grasp_slip_m, grasp_slip_rad: largest from lift-off to release; None if never lifted.
+        place_offset_m: horizontal distance of the resting target from its planned release point.
+        ik_offset_m, ik_offset_rad: (N,) of every solved pose.
+        tracking_offset_m: (n,) largest of every record step in motion.
+        record: identity of the cycle and its wall clock come from here.
+    """
+
+    conditions: dict[str, bool]
+    cause: Event | None
+    cycle_time_s: float | None
+    motion_time_s: float | None
+    grasp_slip_m: float | None
+    grasp_slip_rad: float | None
+    place_offset_m: float | None
+    ik_offset_m: Array
+    ik_offset_rad: Array
+    tracking_offset_m: Array
+    record: CycleRecord
+
+    @property
+    def success(self) -> bool:
+        """Whether all conditions hold."""
+        return all(self.conditions.values())
+
+    def as_json(self) -> dict[str, Any]:
+        """Return the line of `cycles.jsonl`; what does not exist is None."""
+        record, cause = self.record, self.cause
+        return {
+            "cycle": record.cycle,
+            "episode": record.episode,
+            "seed": record.seed,
+            "cell": record.cell,
+            "target": record.target,
+            "success": self.success,
+            "failed_stage": cause.stage if cause else None,
+            "reason": cause.reason if cause else None,
+            "failed_time_s": cause.time if cause else None,
+            "detail": cause.detail if cause else None,
+            **self.conditions,
+            "cycle_time_s": self.cycle_time_s,
+            "motion_time_s": self.motion_time_s,
+            "ik_offset_m": spread(self.ik_offset_m, "mean", "p99", "max"),
+            "ik_offset_rad": spread(self.ik_offset_rad, "mean", "p99", "max"),
+            "tracking_offset_m": spread(self.tracking_offset_m, "mean", "p99", "max"),
+            "grasp_slip_m": self.grasp_slip_m,
+            "grasp_slip_rad": self.grasp_slip_rad,
+            "place_offset_m": self.place_offset_m,
+            "wall_clock": record.wall_clock,
+        }
+
+
+def score_cycle(record: CycleRecord, *, time_limit: float) -> CycleScore:
+    """Judge a cycle by its record alone.
+
+    Args:
+        record: of the cycle, complete or cut short by a failure.
+        time_limit: of the scene, for the whole cycle [s].
+    """
+    series, final = record.series, record.final
+    if not series:  # it failed before anything moved
+        conditions = dict.fromkeys(CONDITIONS, False)
+        return _score(record, conditions, _first_cause(record, conditions))
+    carrying = _carrying(record)
+    conditions = {
+        "lifted": bool(np.max(series["clear_height_max"]) >= LIFT_HEIGHT_LIMIT),
+        "held": bool(
+            carrying.any()
+            and np.all(series["fingers_touch"][carrying] == 1)
+            and np.max(series["slip_m_max"]) < SLIP_LIMIT
+        ),
+        "clean": bool(np.max(series["foreign_contacts_max"]) == 0),
+        "within_limits": bool(
+            np.max(series["position_excess_max"]) <= POSITION_SLACK
+            and np.max(series["speed_ratio_max"]) <= SPEED_RATIO_LIMIT
+            and np.max(series["effort_ratio_max"]) < EFFORT_RATIO_LIMIT
+        ),
+        "released": final["fingers_open"] == 1 and final["finger_contacts"] == 0,
+        "placed": bool(
+            final["resting_for"] >= REST_TIME
+            and final["in_place_volume"] == 1
+            and final["supported"] == 1
+        ),
+        "returned": record.home_time is not None and final["home_distance"] <= HOME_SLACK,
+        "in_time": record.home_time is not None and record.home_time <= time_limit,
+    }
+    return _score(record, conditions, _first_cause(record, conditions))
+
+
+def _carrying(record: CycleRecord) -> NDArray[np.bool_]:
+    """Return the record steps (n,) from the lift at the height that counts to the release."""
+    clear = record.series["clear_height_max"] >= LIFT_HEIGHT_LIMIT
+    lifted = np.arange(len(clear)) >= (int(np.argmax(clear)) if clear.any() else len(clear))
+    return lifted & record.stage_mask(_CARRYING)
+
+
+def _first_cause(record: CycleRecord, conditions: dict[str, bool]) -> Event | None:
+    """Return the earliest event, or the first condition that fails at the end; None on success."""
+    if all(conditions.values()):
+        return None
+    if record.events:
+        return min(record.events, key=lambda event: event.time)
+    name = next(name for name, holds in conditions.items() if not holds)
+    time = float(record.series["time"][-1])
+    stage = STAGES[int(record.series["stage"][-1])]
+    return Event(reason=CONDITIONS[name], stage=stage, time=time, detail=f"{name} is false")
+
+
+def _score(
+    record: CycleRecord, conditions: dict[str, bool], cause: Event | None
+) -> CycleScore:
+    series = record.series
+    moving = record.stage_mask(MOTION_STAGES) if series else np.zeros(0, dtype=bool)
+    lifted = conditions["lifted"]
+    offset = None
+    if record.p_base_release is not None and conditions["placed"]:
+        final = np.array([record.final["target_x"], record.final["target_y"]])
+        offset = float(np.linalg.norm(final - record.p_base_release[:2]))
+    return CycleScore(
+        conditions=conditions,
+        cause=cause,
+        cycle_time_s=record.home_time,
+        motion_time_s=_motion_time(record, moving) if record.home_time is not None else None,
+        grasp_slip_m=float(np.max(series["slip_m_max"])) if lifted else None,
+        grasp_slip_rad=float(np.max(series["slip_rad_max"])) if lifted else None,
+        place_offset_m=offset,
+        ik_offset_m=record.ik_offset_m,
+        ik_offset_rad=record.ik_offset_rad,
+        tracking_offset_m=series["tracking_max"][moving] if series else np.empty(0),
+        record=record,
+    )
+
+
+def _motion_time(record: CycleRecord, moving: NDArray[np.bool_]) -> float:
+    steps = np.diff(record.series["time"], prepend=0.0)
+    return float(np.sum(steps[moving]))

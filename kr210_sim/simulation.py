@@ -1,0 +1,269 @@
+"""The running world of one episode: MuJoCo model and data, targets that come and go, measurements."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from kr210_sim.scene import ROBOT_PREFIX, Scene, Target, add_target
+
+Array = NDArray[np.float64]
+
+_SENSOR_PREFIX = "measure/"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Addresses:
+    """Where the robot's joints lie in `qpos`, `qvel` and `ctrl`."""
+
+    arm: NDArray[np.int64]
+    arm_dof: NDArray[np.int64]
+    arm_ctrl: NDArray[np.int64]
+    fingers: NDArray[np.int64]
+    finger_ctrl: int
+
+
+class Simulation:
+    """One world: a scene with its robot, and the targets added to it so far.
+
+    Attributes:
+        scene: what the names mean.
+        model, data: the compiled world; both are replaced whenever a target comes or goes.
+        addresses: of the robot in `model`.
+        columns: slice of each measurement in the rows that `step` returns; present while a target
+            is watched.
+        foreign_weights: (m,), a row of measurements times this is the number of contacts of robot
+            and watched target that are not permitted.
+    """
+
+    def __init__(self, scene: Scene) -> None:
+        self.scene = scene
+        self.targets: dict[str, Target] = {}
+        self._spec = scene.spec.copy()
+        self.model: mujoco.MjModel = self._spec.compile()
+        self.data = mujoco.MjData(self.model)
+        self.columns: dict[str, slice] = {}
+        self.foreign_weights = np.zeros(self.model.nsensordata)
+        self._watched = ""
+        self._permitted: set[str] = set()
+        self._bind()
+        self.reset_robot()
+
+    def _bind(self) -> None:
+        robot, model = self.scene.robot, self.model
+        arm = [model.joint(ROBOT_PREFIX + name) for name in robot.arm_joints]
+        fingers = [
+            model.joint(ROBOT_PREFIX + name) for name in (robot.finger_joint, robot.mimic_joint)
+        ]
+        self.addresses = Addresses(
+            arm=np.array([joint.qposadr[0] for joint in arm]),
+            arm_dof=np.array([joint.dofadr[0] for joint in arm]),
+            arm_ctrl=np.array([model.actuator(ROBOT_PREFIX + n).id for n in robot.arm_joints]),
+            fingers=np.array([joint.qposadr[0] for joint in fingers]),
+            finger_ctrl=int(model.actuator(ROBOT_PREFIX + robot.finger_joint).id),
+        )
+
+    def body_id(self, link: str) -> int:
+        """Return the id of a robot link's body."""
+        return int(self.model.body(ROBOT_PREFIX + link).id)
+
+    def reset_robot(self) -> None:
+        """Put the robot at rest in the home configuration with the gripper open.
+
+        Used between cycles only; targets keep their places.
+        """
+        address = self.addresses
+        self.data.qpos[address.arm] = 0.0
+        self.data.qpos[address.fingers] = self.scene.robot.finger_open
+        self.data.ctrl[:] = 0.0
+        self.data.ctrl[address.finger_ctrl] = self.scene.robot.finger_open
+        self.data.qvel[:] = 0.0
+        self.data.qacc_warmstart[:] = 0.0
+        self._clear_warnings()
+
+    def add(self, target: Target) -> None:
+        """Add a target to the world; everything else keeps its state."""
+        add_target(self._spec, self.scene, target)
+        self.targets[target.name] = target
+        self._recompile()
+
+    def remove(self, name: str) -> None:
+        """Take a target out of the world."""
+        self._watch(None)
+        self._spec.delete(self._spec.body(name))
+        del self.targets[name]
+        self._recompile()
+
+    def watch(self, target: Target) -> None:
+        """Measure this target from now on, as the one to be picked."""
+        self._watch(target)
+        self._recompile()
+
+    def _recompile(self) -> None:
+        self.model, self.data = self._spec.recompile(self.model, self.data)
+        self._bind()
+        self.columns = {}
+        self.foreign_weights = np.zeros(self.model.nsensordata)
+        for index in range(self.model.nsensor):
+            sensor = self.model.sensor(index)
+            start = int(sensor.adr[0])
+            name = sensor.name.removeprefix(_SENSOR_PREFIX)
+            self.columns[name] = slice(start, start + int(sensor.dim[0]))
+            if sensor.type[0] == mujoco.mjtSensor.mjSENS_CONTACT:
+                self.foreign_weights[start] = 1.0 if name.endswith("_all") else -1.0
+        mujoco.mj_forward(self.model, self.data)
+
+    def step(self, ctrl: Array) -> Array:
+        """Advance one physics step per row of ctrl (n, nu); return the measurements (n, m).
+
+        A row holds what MuJoCo measured in the state before that step was integrated. The steps
+        end early at the first contact that is not permitted, so that its bodies can be named.
+        """
+        model, data = self.model, self.data
+        rows = np.empty((len(ctrl), model.nsensordata))
+        sensordata, target, weights = data.sensordata, data.ctrl, self.foreign_weights
+        for index in range(len(ctrl)):
+            target[:] = ctrl[index]
+            mujoco.mj_step(model, data)
+            rows[index] = sensordata
+            if weights @ sensordata > 0.5:
+                return rows[: index + 1]
+        return rows
+
+    @property
+    def diverged(self) -> bool:
+        """Whether MuJoCo has warned of a bad position, velocity or acceleration."""
+        warnings = mujoco.mjtWarning
+        kinds = (warnings.mjWARN_BADQPOS, warnings.mjWARN_BADQVEL, warnings.mjWARN_BADQACC)
+        return any(self.data.warning[int(kind)].number for kind in kinds)
+
+    def _clear_warnings(self) -> None:
+        for warning in self.data.warning:
+            warning.number = 0
+
+    def foreign_pair(self) -> str:
+        """Name the two bodies of the first contact that is not permitted, as of the last step."""
+        model = self.model
+        for geoms in self.data.contact.geom:
+            names = [self.model.body(int(model.geom_bodyid[geom])).name for geom in geoms]
+            geom_names = [model.geom(int(geom)).name for geom in geoms]
+            on_target = self._watched in names
+            of_robot = [name.startswith(ROBOT_PREFIX) for name in names]
+            other = names[0] if names[1] == self._watched else names[1]
+            other_geom = geom_names[0] if names[1] == self._watched else geom_names[1]
+            permitted = on_target and (other in self._permitted or other_geom in self._permitted)
+            if (any(of_robot) or on_target) and not permitted:
+                return " touched ".join(
+                    name.removeprefix(ROBOT_PREFIX) or "world" for name in names
+                )
+        return "a contact that ended within the step"
+
+    def world_xml(self) -> str:
+        """Return the MJCF of the world as it is now compiled."""
+        return str(self._spec.to_xml())
+
+    # ---- measurements -----------------------------------------------------------------------
+
+    def _watch(self, target: Target | None) -> None:
+        for sensor in list(self._spec.sensors):
+            if sensor.name.startswith(_SENSOR_PREFIX):
+                self._spec.delete(sensor)
+        if target is None:
+            return
+        self._watched = target.name
+        robot = self.scene.robot
+        types = mujoco.mjtSensor
+        for name in robot.arm_joints:
+            self._sense_joint(f"q/{name}", types.mjSENS_JOINTPOS, name)
+        for name in robot.arm_joints:
+            self._sense_joint(f"qd/{name}", types.mjSENS_JOINTVEL, name)
+        for name in robot.arm_joints:
+            self._sense_joint(f"effort/{name}", types.mjSENS_JOINTACTFRC, name)
+        for name in (robot.finger_joint, robot.mimic_joint):
+            self._sense_joint(f"finger/{name}", types.mjSENS_JOINTPOS, name)
+        tcp = {"objtype": mujoco.mjtObj.mjOBJ_SITE, "objname": ROBOT_PREFIX + "tcp"}
+        base = {"reftype": mujoco.mjtObj.mjOBJ_SITE, "refname": "robot_base"}
+        in_tcp = {"reftype": mujoco.mjtObj.mjOBJ_SITE, "refname": ROBOT_PREFIX + "tcp"}
+        body = {"objtype": mujoco.mjtObj.mjOBJ_XBODY, "objname": target.name}
+        for name, kind, frame in (
+            ("tcp_position", types.mjSENS_FRAMEPOS, tcp | base),
+            ("tcp_quat_wxyz", types.mjSENS_FRAMEQUAT, tcp | base),
+            ("held_position", types.mjSENS_FRAMEPOS, body | in_tcp),
+            ("held_quat_wxyz", types.mjSENS_FRAMEQUAT, body | in_tcp),
+            ("target_position", types.mjSENS_FRAMEPOS, body | base),
+            ("target_velocity", types.mjSENS_FRAMELINVEL, body),
+            ("target_spin", types.mjSENS_FRAMEANGVEL, body),
+        ):
+            self._spec.add_sensor(name=_SENSOR_PREFIX + name, type=kind, **frame)
+        self._sense_contacts(target)
+
+    def _sense_joint(self, name: str, kind: Any, joint: str) -> None:
+        self._spec.add_sensor(
+            name=_SENSOR_PREFIX + name,
+            type=kind,
+            objtype=mujoco.mjtObj.mjOBJ_JOINT,
+            objname=ROBOT_PREFIX + joint,
+        )
+
+    def _sense_contacts(self, target: Target) -> None:
+        """Count contacts in C at every physics step: all of them, and the permitted ones."""
+        subtree, body, geom = (
+            mujoco.mjtObj.mjOBJ_XBODY, mujoco.mjtObj.mjOBJ_BODY, mujoco.mjtObj.mjOBJ_GEOM,
+        )
+        robot = (subtree, ROBOT_PREFIX + self.scene.robot.root)
+        picked = (body, target.name)
+        right, left = ((body, ROBOT_PREFIX + finger) for finger in self.scene.robot.fingers)
+        self._count("robot_all", robot)
+        self._count("robot_target", robot, picked)
+        self._count("target_all", picked)
+        self._count("target_right", picked, right, force=True)
+        self._count("target_left", picked, left, force=True)
+        self._count("target_support", picked, (geom, self.scene.cell(target.cell).support))
+        self._count("target_bin", picked, (subtree, "bin"))
+        neighbours = [
+            name for name in self.targets if name != target.name and self.in_place_volume(name)
+        ]
+        for name in neighbours:
+            self._count(f"target_neighbour/{name}", picked, (body, name))
+        support = self.scene.cell(target.cell).support
+        self._permitted = {right[1], left[1], support, "bin", *neighbours}
+
+    def _count(
+        self,
+        name: str,
+        first: tuple[Any, str],
+        second: tuple[Any, str] | None = None,
+        *,
+        force: bool = False,
+    ) -> None:
+        found = 1 << int(mujoco.mjtConDataField.mjCONDATA_FOUND)
+        fields = found | (1 << int(mujoco.mjtConDataField.mjCONDATA_FORCE) if force else 0)
+        net_force = 3  # reduction "netforce": all matching contacts summed, in the world frame
+        options = {} if second is None else {"reftype": second[0], "refname": second[1]}
+        self._spec.add_sensor(
+            name=_SENSOR_PREFIX + name,
+            type=mujoco.mjtSensor.mjSENS_CONTACT,
+            objtype=first[0],
+            objname=first[1],
+            intprm=[fields, net_force if force else 0, 1],
+            **options,
+        )
+
+    def in_place_volume(self, name: str) -> bool:
+        """Whether a target's centre lies in the place volume."""
+        p_world = np.array(self.data.body(name).xpos)
+        T = self.scene.T_world_base
+        return self.scene.place.contains((p_world - T[:3, 3]) @ T[:3, :3])
+
+    def placed(self) -> list[Array]:
+        """Return the positions (3,) of the targets in the place volume, base frame [m]."""
+        T = self.scene.T_world_base
+        return [
+            (np.array(self.data.body(name).xpos) - T[:3, 3]) @ T[:3, :3]
+            for name in self.targets
+            if self.in_place_volume(name)
+        ]

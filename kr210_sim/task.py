@@ -1,0 +1,164 @@
+"""Target and place volume -> tool poses of one pick and place: pure geometry in the base frame."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+APPROACH_DISTANCE = 0.20
+"""From pre-grasp to grasp, straight along the tool [m]; as in the original course."""
+
+LIFT_HEIGHT = 0.03
+"""Straight up from the supporting surface before the tool withdraws [m]."""
+
+WITHDRAW_DISTANCE = 0.25
+"""Straight back out of the cell after the lift [m]."""
+
+APPROACH_YAWS = np.radians([0.0, 10.0, -10.0, 20.0, -20.0])
+"""Directions of the tool about the target's axis, from the cell's +x [rad]: the target is round."""
+
+PLACE_YAWS = np.radians([0.0, 30.0, -30.0, 60.0, -60.0, 90.0, -90.0, 180.0])
+"""Turns of the downward tool about the vertical, from the arm's own plane [rad]."""
+
+PLACE_DEPTHS = (0.35, 0.25, 0.15, 0.05, -0.05, -0.20)
+"""Release heights to try, as depth of the TCP below the top of the place volume [m], lowest first."""
+
+LOWER_MARGIN = 0.12
+"""The straight way down starts at least this far above the top of the place volume [m]."""
+
+WALL_MARGIN = 0.05
+"""Kept between a lying target and the side of the place volume [m]."""
+
+_GOLDEN_ANGLE = np.pi * (3.0 - np.sqrt(5.0))
+_SPREAD_POINTS = 24
+
+
+@dataclass(frozen=True, kw_only=True)
+class PickPoses:
+    """TCP poses (4, 4) of one way to take a target, in the base frame."""
+
+    pre_grasp: Array
+    grasp: Array
+    lift: Array
+    withdraw: Array
+
+
+@dataclass(frozen=True, kw_only=True)
+class PlacePoses:
+    """TCP poses (4, 4) of one way to release a target, in the base frame."""
+
+    pre_place: Array
+    place: Array
+
+
+def pick_options(T_base_target: Array, T_base_cell: Array) -> list[PickPoses]:
+    """Return the ways to take a target, the cell's own direction first.
+
+    The TCP goes to the target's centre of mass with the tool's z axis along the target's axis, so
+    that the jaws close on it evenly.
+
+    Args:
+        T_base_target: (4, 4), origin at the centre of mass, z along the axis.
+        T_base_cell: (4, 4), +x the direction in which the tool goes in.
+    """
+    z = T_base_target[:3, 2]
+    forward = T_base_cell[:3, 0] - z * (z @ T_base_cell[:3, 0])
+    forward /= np.linalg.norm(forward)
+    side = np.cross(z, forward)
+    options = []
+    for yaw in APPROACH_YAWS:
+        x = np.cos(yaw) * forward + np.sin(yaw) * side
+        grasp = _frame(x, z, T_base_target[:3, 3])
+        lift = _moved(grasp, LIFT_HEIGHT * T_base_cell[:3, 2])
+        options.append(
+            PickPoses(
+                pre_grasp=_moved(grasp, -APPROACH_DISTANCE * x),
+                grasp=grasp,
+                lift=lift,
+                withdraw=_moved(lift, -WITHDRAW_DISTANCE * x),
+            )
+        )
+    return options
+
+
+def release_point(
+    T_base_place: Array, half_size: Array, kind: str, length: float, taken: Sequence[Array]
+) -> Array:
+    """Choose where to drop: the point of a spread over the volume farthest from what lies there.
+
+    Ten upright drops on one spot build a tower that falls out of the bin; spread drops do not.
+
+    Args:
+        T_base_place: (4, 4) pose of the place volume's centre.
+        half_size: (3,) its half extents [m].
+        kind: "box" or "cylinder".
+        length: of the target [m], which will lie.
+        taken: positions (3,) of targets in the volume, base frame.
+
+    Returns:
+        (3,) point at the top of the volume, base frame [m].
+    """
+    reach = np.maximum(half_size[:2] - length / 2 - WALL_MARGIN, 0.0)
+    k = np.arange(_SPREAD_POINTS)
+    radius, angle = np.sqrt(k / _SPREAD_POINTS), k * _GOLDEN_ANGLE
+    disc = np.stack([radius * np.cos(angle), radius * np.sin(angle)], axis=1)
+    if kind == "box":  # stretch the disc onto the square
+        disc = disc * (np.hypot(*disc.T) / np.maximum(np.max(np.abs(disc), axis=1), 1e-9))[:, None]
+    local = np.column_stack([disc * reach, np.full(_SPREAD_POINTS, half_size[2])])
+    points = local @ T_base_place[:3, :3].T + T_base_place[:3, 3]
+    if not taken:
+        return np.array(points[0])
+    gaps = np.linalg.norm(points[:, None, :2] - np.array(taken)[None, :, :2], axis=2)
+    return np.array(points[np.argmax(np.min(gaps, axis=1).round(6))])
+
+
+def place_options(p_base_release: Array) -> Iterator[list[PlacePoses]]:
+    """Yield, lowest release first, the ways to release a target with the tool pointing down.
+
+    Args:
+        p_base_release: (3,) point at the top of the place volume, from `release_point`.
+    """
+    azimuth = np.arctan2(p_base_release[1], p_base_release[0])
+    down = np.array([0.0, 0.0, -1.0])
+    for depth in PLACE_DEPTHS:
+        options = []
+        for yaw in PLACE_YAWS:
+            along = np.array([np.cos(azimuth + yaw), np.sin(azimuth + yaw), 0.0])
+            place = _frame(down, along, p_base_release + depth * down)
+            pre_place = place.copy()
+            pre_place[2, 3] = p_base_release[2] + LOWER_MARGIN + max(0.0, -depth)
+            options.append(PlacePoses(pre_place=pre_place, place=place))
+        yield options
+
+
+def line(T_start: Array, T_end: Array, step: float) -> Array:
+    """Return poses (N, 4, 4) along a straight line of constant orientation.
+
+    Args:
+        T_start: (4, 4) first pose.
+        T_end: (4, 4) last pose, of the same orientation.
+        step: largest distance between neighbours [m]; N is at least 8.
+    """
+    distance = float(np.linalg.norm(T_end[:3, 3] - T_start[:3, 3]))
+    count = max(8, int(np.ceil(distance / step)) + 1)
+    poses = np.repeat(T_start[None], count, axis=0)
+    poses[:, :3, 3] += np.linspace(0.0, 1.0, count)[:, None] * (T_end[:3, 3] - T_start[:3, 3])
+    return poses
+
+
+def _frame(x: Array, z: Array, origin: Array) -> Array:
+    """Return the pose with these x and z axes (unit, perpendicular)."""
+    T = np.eye(4)
+    T[:3, 0], T[:3, 1], T[:3, 2], T[:3, 3] = x, np.cross(z, x), z, origin
+    return T
+
+
+def _moved(T: Array, offset: Array) -> Array:
+    moved = T.copy()
+    moved[:3, 3] += offset
+    return moved
