@@ -16,6 +16,7 @@ from .kinematics import (
     wrist_center,
 )
 from .limits import Turns, turns, within_limits
+from .numeric import NumericOptions, inverse_numeric, numeric_solver
 from .poses import check_poses
 from .sequence import JointPath, best_sequence, greedy_sequence
 from .solve import Solutions, inverse
@@ -29,6 +30,7 @@ __all__ = [
     "IKError",
     "InvalidPose",
     "JointPath",
+    "NumericOptions",
     "Solutions",
     "Turns",
     "UnsupportedArm",
@@ -43,11 +45,13 @@ __all__ = [
     "from_dh",
     "greedy_sequence",
     "inverse",
+    "inverse_numeric",
     "jacobian",
     "joint_time",
     "link_frames",
     "manipulability",
     "nearest",
+    "numeric_solver",
     "pose_formula",
     "singular",
     "singularity_distances",

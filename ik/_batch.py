@@ -1,11 +1,14 @@
 """The formulas for many poses, in NumPy.
 
 The poses go through in chunks that fit the second-level cache, each quantity as one contiguous
-array over the chunk. Nothing outlives a call, so that threads may share an arm. `_single.py` holds
-the same formulas for one pose; a test keeps both equal. The step numbers are those of README.md.
+array over the chunk, with the two shoulders and the four elbows of a pose as leading dimensions.
+Nothing outlives a call, so threads may share an arm. `_single.py` holds the same formulas for one
+pose; a test keeps both equal. The step numbers are those of README.md, which derives them.
 """
 
 from __future__ import annotations
+
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,140 +18,229 @@ from .poses import is_rigid
 from .tolerances import REACH_TOLERANCE, SMALL
 
 FloatArray = NDArray[np.float64]
+BoolArray = NDArray[np.bool_]
 
 CHUNK = 2048
-"""Poses at a time: 16 KB for an array, under 2 MB for all of them."""
+"""Poses at a time: 16 KB for one quantity of a pose, and under 2 MB for all of them."""
 
-HALF_PI = 0.5 * np.pi
 TWO_PI = 2.0 * np.pi
+Bounds = list[tuple[int, float, float]]
 
 
-def solve(arm: Arm, T: FloatArray, q: FloatArray) -> bool:
+def solve(
+    arm: Arm, T: FloatArray, q: FloatArray, valid: BoolArray, bounds: Bounds, inside: BoolArray
+) -> bool:
     """Compute all branches of many poses.
 
     Args:
         arm: The arm.
         T: T_base_tool. Shape (n, 4, 4).
         q: Filled with the angles [rad], NaN where there is no branch. Shape (n, 8, 6).
+        valid: Filled with the branches that exist. Shape (n, 8).
+        bounds: Joint, lower and upper limit [rad] of the joints whose limits leave something out.
+        inside: Filled with the branches that are inside of the limits after some turns, which are
+            added to q. Shape (n, 8).
 
     Returns:
         False as soon as a chunk holds a matrix that is no rigid transform.
     """
-    flat = T.reshape(len(T), 16)
-    # divisions by zero and roots of negative numbers are meant: NaN marks a branch that is none
-    with np.errstate(invalid="ignore", divide="ignore", over="ignore", under="ignore"):
+    entries, angles = T.reshape(len(T), 16), q.reshape(len(T), 48)
+    exists = valid.reshape(len(T), 2, 4)
+    with np.errstate(all="ignore"):  # poses at absurd distances overflow, and are out of reach
         for start in range(0, len(T), CHUNK):
-            c = np.ascontiguousarray(flat[start : start + CHUNK].T)
+            part = slice(start, start + CHUNK)
+            c = np.ascontiguousarray(entries[part].T)
             if not is_rigid(c):
                 return False
-            _solve_chunk(arm, c, q[start : start + CHUNK])
+            solved, reached = _solve_chunk(arm, c)
+            if bounds:
+                inside[part] = _turn_into_limits(solved, bounds).reshape(8, -1).T
+            angles[part] = solved.reshape(48, -1).T
+            exists[part] = reached.T[:, :, None]
+    # what stands in the other rows is finite and wrong
+    q.reshape(len(T), 2, 24)[~exists[:, :, 0]] = np.nan
+    if bounds:
+        inside &= valid
+    else:
+        inside[:] = valid
     return True
 
 
-def _solve_chunk(arm: Arm, c: FloatArray, q: FloatArray) -> None:
-    """Solve the poses whose 16 entries are the rows of c (16, n) into q (n, 8, 6)."""
-    R, wx, wy, wz = _wrist_pose(arm, c)
-    b = arm.b
-    r = np.sqrt(wx * wx + wy * wy)
-    if r.min() < SMALL:  # on axis 1, where any q1 is right
-        axis = r < SMALL
-        wx, wy = np.where(axis, 1.0, wx), np.where(axis, 0.0, wy)
-        wx, wy = wx / np.where(axis, 1.0, r), wy / np.where(axis, 1.0, r)
-        r = np.where(axis, 0.0, r)
-    else:
-        wx, wy = wx / r, wy / r
-    if b == 0.0:  # steps 2 and 3 without a lateral offset
-        _shoulder(arm, R, wz, wx, wy, r, q[:, :4])
-        _shoulder(arm, R, wz, -wx, -wy, -r, q[:, 4:])
-    else:
-        rho = np.sqrt(np.maximum((r - abs(b)) * (r + abs(b)), 0.0))
-        rho[r < abs(b) - REACH_TOLERANCE * arm.constants.reach] = np.nan
-        on_edge = rho == 0.0
-        f, g = np.where(on_edge, 0.0, rho / r), np.where(on_edge, np.copysign(1.0, b), b / r)
-        x, y = wx * f, wy * f
-        _shoulder(arm, R, wz, x + wy * g, y - wx * g, rho, q[:, :4])
-        _shoulder(arm, R, wz, wy * g - x, -wx * g - y, -rho, q[:, 4:])
+def _solve_chunk(arm: Arm, c: FloatArray) -> tuple[FloatArray, BoolArray]:
+    """Solve the poses whose 16 entries are the rows of c (16, n).
+
+    Returns:
+        The angles by shoulder, elbow, wrist and joint, (2, 2, 2, 6, n), and which shoulders reach
+        the pose, (2, n): both elbows and both wrists do then. The angles of others are no answers.
+    """
+    q = np.empty((2, 2, 2, 6, c.shape[1]))
+    R, w = _wrist_pose(arm, c)
+    c1, s1, rho, turned = _shoulders(arm, w)
+    c23, s23, reached = _elbows(arm, rho, w[2], q)
+    q[:, :, :, 0] = np.arctan2(s1, c1)[:, None, None]
+    _wrists(R, c1, s1, c23, s23, q)
     if not arm.constants.plain_joints:  # step 7
-        q -= arm.offsets
-        q *= arm.signs
+        q -= np.array(arm.offsets)[:, None]
+        q *= np.array(arm.signs)[:, None]
         q -= TWO_PI * np.rint(q / TWO_PI)
+    return q, reached & turned
 
 
-def _wrist_pose(
-    arm: Arm, c: FloatArray
-) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-    """Move poses of the tool in the base to the wrist, in the arm's own base frame (step 1)."""
+def _wrist_pose(arm: Arm, c: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Move poses of the tool to the wrist, in the arm's own base frame (step 1).
+
+    Returns:
+        The wrist's rotation (3, 3, n) and position (3, n).
+    """
     k = arm.constants
     R = c[:12].reshape(3, 4, -1)
-    w = [R[i, 3] - k.p_base[i] - _dot(k.c_tool, R[i]) for i in range(3)]
+    w = np.array([R[i, 3] - k.p_base[i] - _dot(k.c_tool, R[i]) for i in range(3)])
+    R = R[:, :3]
     if k.R_base is not None:
         columns = [k.R_base[j::3] for j in range(3)]
-        w = [_dot(column, w) for column in columns]
-        R = np.array([[_dot(column, R[:, j]) for j in range(3)] for column in columns])
+        w = np.array([_dot(column, w) for column in columns])
+        R = np.array([_dot(column, R) for column in columns])
     if k.R_tool is not None:
         rows = [k.R_tool[3 * j : 3 * j + 3] for j in range(3)]
         R = np.array([[_dot(row, R[i]) for row in rows] for i in range(3)])
-    return R, w[0], w[1], w[2]
+    return R, w
 
 
-def _dot(a, x):
-    return a[0] * x[0] + a[1] * x[1] + a[2] * x[2]
+def _dot(a: Sequence[float], x: FloatArray) -> FloatArray:
+    """Combine the first three rows of x."""
+    return np.asarray(a[0] * x[0] + a[1] * x[1] + a[2] * x[2])
 
 
-def _shoulder(
-    arm: Arm,
+def _shoulders(
+    arm: Arm, w: FloatArray
+) -> tuple[FloatArray, FloatArray, FloatArray, BoolArray]:
+    """Turn the arm plane through the wrist center, forwards and backwards (step 2).
+
+    Returns:
+        cos and sin of theta1 and the signed distance of the wrist center from axis 1 within the
+        arm plane, (2, n), and whether the plane can be turned that far inwards, (n,).
+    """
+    x, y = w[0], w[1]
+    r = np.sqrt(x * x + y * y)
+    on_axis = r < SMALL
+    if on_axis.any():  # there any theta1 is right
+        r[on_axis] = 1.0
+        x, y = np.where(on_axis, 1.0, x / r), np.where(on_axis, 0.0, y / r)
+        r[on_axis] = 0.0
+    else:
+        x, y = x / r, y / r
+    if arm.b == 0.0:
+        return np.stack([x, -x]), np.stack([y, -y]), np.stack([r, -r]), np.True_
+    b = abs(arm.b)
+    turned = r >= b - REACH_TOLERANCE * arm.constants.reach
+    rho = np.sqrt(np.maximum((r - b) * (r + b), 0.0))
+    on_edge = rho == 0.0
+    f, g = np.where(on_edge, 0.0, rho / r), np.where(on_edge, np.copysign(1.0, arm.b), arm.b / r)
+    xf, yf, xg, yg = x * f, y * f, x * g, y * g
+    c1, s1 = np.stack([xf + yg, yg - xf]), np.stack([yf - xg, -xg - yf])
+    return c1, s1, np.stack([rho, -rho]), turned
+
+
+def _elbows(
+    arm: Arm, rho: FloatArray, wz: FloatArray, q: FloatArray
+) -> tuple[FloatArray, FloatArray, BoolArray]:
+    """Bend the arm to the wrist center, elbow to either side (steps 3 to 5).
+
+    Args:
+        arm: The arm.
+        rho: Signed distance of the wrist center from axis 1. Shape (2, n).
+        wz: Height of the wrist center. Shape (n,).
+        q: Its theta2 and theta3 are filled in. Shape (2, 2, 2, 6, n).
+
+    Returns:
+        cos and sin of theta2 + theta3, (2, 2, n), and whether the wrist center is in reach,
+        (2, n); if not, the angles are those of its nearest point that is.
+    """
+    a1, d1, reach, inner, fold, K, C, bend, a, d = arm.constants.elbow
+    u = rho - a1
+    v = np.broadcast_to(wz - d1, u.shape)
+    D = np.sqrt(u * u + v * v)
+    folded = D <= SMALL
+    if folded.any():  # onto the shoulder, where any theta2 is right
+        u, v, D = np.where(folded, 0.0, u), np.where(folded, fold, v), np.where(folded, fold, D)
+    edge = np.minimum(np.maximum(D, fold), reach)
+    u, v = u * (edge / D), v * (edge / D)
+    D2 = edge * edge
+    S = np.sqrt((reach - edge) * (reach + edge) * (edge - inner) * (edge + inner))
+    gamma = np.arctan2(S, D2 - C)
+    A = D2 + K
+    Au, Av, Su, Sv = A * u, A * v, S * u, S * v
+    x, z = np.empty((2, *q.shape[:2], q.shape[-1]))
+    np.subtract(Au, Sv, out=x[:, 0])
+    np.add(Au, Sv, out=x[:, 1])
+    np.add(Av, Su, out=z[:, 0])
+    np.subtract(Av, Su, out=z[:, 1])
+    q[:, :, :, 1] = np.arctan2(x, z)[:, :, None]
+    q[:, 0, :, 2] = (gamma - bend)[:, None]
+    q[:, 1, :, 2] = (-gamma - bend)[:, None]
+    # the forearm, from elbow to wrist center
+    f = (0.5 / D2)[:, None]
+    x *= f
+    np.subtract(u[:, None], x, out=x)
+    z *= f
+    z -= v[:, None]
+    reached = np.abs(D - edge) <= REACH_TOLERANCE * reach
+    return d * x - a * z, d * z + a * x, reached
+
+
+def _wrists(
     R: FloatArray,
-    wz: FloatArray,
     c1: FloatArray,
     s1: FloatArray,
-    rho: FloatArray,
+    c23: FloatArray,
+    s23: FloatArray,
     q: FloatArray,
 ) -> None:
-    """Solve elbow and wrist of one shoulder branch into q (n, 4, 6) (steps 3 to 6)."""
-    L3, phi, reach, inner, fold, K, *_ = arm.constants
-    u, v = rho - arm.a1, wz - arm.d1
-    D = np.sqrt(u * u + v * v)
-    edge = np.clip(D, fold, reach)
-    outside = ~(np.abs(D - edge) <= REACH_TOLERANCE * reach)
-    if D.min() <= SMALL:  # folded onto the shoulder, where any q2 is right
-        folded = D <= SMALL
-        u[folded], v[folded], D[folded] = 0.0, fold, fold
-    stretch = edge / D
-    u *= stretch
-    v *= stretch
-    D = edge
-    D2 = D * D
-    S = np.sqrt((reach - D) * (reach + D) * (D - inner) * (D + inner))
-    S[outside] = np.nan
-    gamma = np.arctan2(S, D2 - arm.L2 * arm.L2 - L3 * L3)
-    A, f = D2 + K, 0.5 / D2
-    (x0, x1, x2), (y0, y1, y2), (z0, z1, z2) = R[:, 0:3]
-    n0, n1, n2 = c1 * x0 + s1 * y0, c1 * x1 + s1 * y1, c1 * x2 + s1 * y2
-    m0, m1, m2 = c1 * y0 - s1 * x0, c1 * y1 - s1 * x1, c1 * y2 - s1 * x2
-    q1 = np.arctan2(s1, c1)
-    q1[outside] = np.nan
-    a, d, g = arm.a3 / (L3 * L3), arm.d4 / (L3 * L3), HALF_PI + phi
-    q[:, :, 0] = q1[:, None]
-    for i, sign in enumerate((1.0, -1.0)):
-        Se = sign * S
-        x, z = A * u - Se * v, A * v + Se * u
-        q2 = np.arctan2(x, z)
-        q3 = sign * gamma - g
-        x, z = u - x * f, z * f - v
-        c, s = d * x - a * z, d * z + a * x
-        k0, k1, k2 = s * n0 + c * z0, s * n1 + c * z1, s * n2 + c * z2
-        h = np.sqrt(m0 * m0 + k0 * k0)
-        q5 = np.arctan2(h, c * n0 - s * z0)
-        if h.min() == 0.0 or True:
-            k0[h == 0.0] = -1.0
-        q4 = np.arctan2(m0, -k0)
-        q6 = np.arctan2(k0 * m2 - m0 * k2, m0 * k1 - k0 * m1)
-        j = 2 * i
-        q[:, j : j + 2, 1] = q2[:, None]
-        q[:, j : j + 2, 2] = q3[:, None]
-        q[:, j, 3] = q4
-        q[:, j + 1, 3] = q4 - np.copysign(np.pi, q4)
-        q[:, j, 4] = q5
-        q[:, j + 1, 4] = -q5
-        q[:, j, 5] = q6
-        q[:, j + 1, 5] = q6 - np.copysign(np.pi, q6)
+    """Turn the wrist to the tool, flipped and not (step 6).
+
+    Args:
+        R: Rotation of the wrist. Shape (3, 3, n).
+        c1: cos(theta1). Shape (2, n).
+        s1: sin(theta1). Shape (2, n).
+        c23: cos(theta2 + theta3). Shape (2, 2, n).
+        s23: sin(theta2 + theta3). Shape (2, 2, n).
+        q: Its theta4, theta5 and theta6 are filled in. Shape (2, 2, 2, 6, n).
+    """
+    x, y, z = R
+    c1, s1 = c1[:, None], s1[:, None]
+    n, m = c1 * x + s1 * y, c1 * y - s1 * x  # Rz(-theta1) R, its rows 0 and 1
+    k0 = s23 * n[:, None, 0] + c23 * z[0]
+    k1 = s23 * n[:, None, 1] + c23 * z[1]
+    k2 = s23 * n[:, None, 2] + c23 * z[2]
+    m0, m1, m2 = m[:, None, 0], m[:, None, 1], m[:, None, 2]
+    h = np.sqrt(m0 * m0 + k0 * k0)
+    q5 = np.arctan2(h, c23 * n[:, None, 0] - s23 * z[0])
+    if not h.all():  # only theta4 + theta6 is given there: take theta4 = 0
+        k0[h == 0.0] = -1.0
+    q4 = np.arctan2(m0, -k0)
+    q6 = np.arctan2(k0 * m2 - m0 * k2, m0 * k1 - k0 * m1)
+    q[:, :, 0, 3], q[:, :, 0, 4], q[:, :, 0, 5] = q4, q5, q6
+    np.subtract(q4, np.copysign(np.pi, q4), out=q[:, :, 1, 3])
+    np.negative(q5, out=q[:, :, 1, 4])
+    np.subtract(q6, np.copysign(np.pi, q6), out=q[:, :, 1, 5])
+
+
+def _turn_into_limits(q: FloatArray, bounds: Bounds) -> BoolArray:
+    """Add the turns to q (2, 2, 2, 6, n) that bring it inside of the limits.
+
+    Returns:
+        Where that was possible. Shape (2, 2, 2, n).
+    """
+    inside = np.ones((2, 2, 2, q.shape[-1]), dtype=np.bool_)
+    for j, low, high in bounds:
+        # the first joint is the same for both elbows, and the first three for both wrists
+        part = (slice(None), slice(0, 1 if j < 1 else 2), slice(0, 1 if j < 3 else 2))
+        angle = q[*part, j]
+        fits = (angle >= low) & (angle <= high)
+        if low < -np.pi or high > np.pi:
+            lowest = angle + TWO_PI * np.ceil((low - angle) / TWO_PI)
+            turned = ~fits & (lowest <= high)
+            q[:, :, :, j] = np.where(turned, lowest, angle)
+            fits |= turned
+        inside &= fits
+    return inside

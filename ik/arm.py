@@ -28,15 +28,13 @@ class Constants(NamedTuple):
     L3: float
     """Distance from axis 3 to the wrist center [m]."""
     phi: float
-    """Sag angle of the wrist center below axis 4 seen from axis 3 [rad]."""
+    """Sag angle, atan2(-a3, d4): from the forearm to the line from axis 3 to the wrist [rad]."""
     reach: float
     """Largest distance from axis 2 to the wrist center, L2 + L3 [m]."""
-    inner: float
-    """Smallest distance from axis 2 to the wrist center, |L3 - L2| [m]."""
-    fold: float
-    """`inner`, and at least `tolerances.SMALL` [m]."""
-    K: float
-    """L2^2 - L3^2 [m^2]."""
+    elbow: tuple[float, ...]
+    """For steps 3 to 5: a1, d1, reach, smallest distance |L3 - L2|, the same but at least
+    `tolerances.SMALL` [m], L2^2 - L3^2, L2^2 + L3^2 [m^2], pi/2 + phi [rad], a3 / L3^2 and
+    d4 / L3^2 [1/m]."""
     p_base: Triple
     """Origin of the arm's own base frame in the base frame [m]."""
     axes_base: tuple[Triple, Triple, Triple]
@@ -136,16 +134,25 @@ def _frozen_pose(T: ArrayLike, name: str) -> FloatArray:
 
 def _derive(arm: Arm) -> Constants:
     """Compute the constants of the formulas (facts of README.md, section "Constants")."""
-    L3 = math.hypot(arm.d4, arm.a3)
+    L3, phi = math.hypot(arm.d4, arm.a3), math.atan2(-arm.a3, arm.d4)
     R_base, R_tool = arm.T_base[:3, :3], arm.T_tool[:3, :3]
     eye = np.eye(3)
     return Constants(
         L3=L3,
-        phi=math.atan2(-arm.a3, arm.d4),
+        phi=phi,
         reach=arm.L2 + L3,
-        inner=abs(L3 - arm.L2),
-        fold=max(abs(L3 - arm.L2), SMALL),
-        K=(arm.L2 - L3) * (arm.L2 + L3),
+        elbow=(
+            arm.a1,
+            arm.d1,
+            arm.L2 + L3,
+            abs(L3 - arm.L2),
+            max(abs(L3 - arm.L2), SMALL),
+            (arm.L2 - L3) * (arm.L2 + L3),
+            arm.L2 * arm.L2 + L3 * L3,
+            0.5 * math.pi + phi,
+            arm.a3 / (L3 * L3),
+            arm.d4 / (L3 * L3),
+        ),
         p_base=_triple(arm.T_base[:3, 3]),
         axes_base=(_triple(R_base[:, 0]), _triple(R_base[:, 1]), _triple(R_base[:, 2])),
         p_tool=_triple(arm.T_tool[:3, 3]),

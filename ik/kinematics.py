@@ -42,7 +42,7 @@ def forward(arm: Arm, q: ArrayLike) -> FloatArray:
     Raises:
         IKError: The last dimension of q is not 6.
     """
-    return _matrices(frames(arm, *_cos_sin(arm, q))[6:])[..., 0, :, :]
+    return _matrices(own_frames(arm, q)[6:])[..., 0, :, :]
 
 
 def link_frames(arm: Arm, q: ArrayLike) -> FloatArray:
@@ -63,7 +63,7 @@ def link_frames(arm: Arm, q: ArrayLike) -> FloatArray:
     Raises:
         IKError: The last dimension of q is not 6.
     """
-    return _matrices(frames(arm, *_cos_sin(arm, q)))
+    return _matrices(own_frames(arm, q))
 
 
 def wrist_center(arm: Arm, T: ArrayLike) -> FloatArray:
@@ -97,7 +97,7 @@ def jacobian(arm: Arm, q: ArrayLike) -> FloatArray:
     Raises:
         IKError: The last dimension of q is not 6.
     """
-    columns = jacobian_columns(arm, frames(arm, *_cos_sin(arm, q)))
+    columns = jacobian_columns(arm, own_frames(arm, q))
     shape = np.shape(columns[0][0])
     J = np.empty((*shape, 6, 6))
     for j, column in enumerate(columns):
@@ -187,17 +187,20 @@ def own_angles(arm: Arm, q: ArrayLike) -> FloatArray:
     return angles if arm.constants.plain_joints else angles * arm.signs + arm.offsets
 
 
-def frames(arm: Arm, c: Sequence[Any], s: Sequence[Any]) -> list[Frame]:
+def own_frames(arm: Arm, q: ArrayLike) -> list[Frame]:
     """Lay the frames of the six links and of the tool, one rotation after the other.
 
     Args:
         arm: The arm.
-        c: cos(theta) of the six joints, floats or arrays.
-        s: sin(theta), likewise.
+        q: Joint angles [rad]. Shape (..., 6).
 
     Returns:
-        Seven frames in the base frame.
+        Seven frames in the base frame; in floats for one configuration, else in arrays (...).
+
+    Raises:
+        IKError: The last dimension of q is not 6.
     """
+    c, s = _cos_sin(own_angles(arm, q))
     k = arm.constants
     x, y, z = k.axes_base
     p = _along(k.p_base, z, arm.d1)
@@ -225,7 +228,7 @@ def frames(arm: Arm, c: Sequence[Any], s: Sequence[Any]) -> list[Frame]:
 
 
 def jacobian_columns(arm: Arm, links: Sequence[Frame]) -> list[tuple[Any, ...]]:
-    """Compute the columns of the Jacobian from the frames of `frames`.
+    """Compute the columns of the Jacobian from the frames of `own_frames`.
 
     Args:
         arm: The arm.
@@ -244,9 +247,8 @@ def jacobian_columns(arm: Arm, links: Sequence[Frame]) -> list[tuple[Any, ...]]:
     return columns
 
 
-def _cos_sin(arm: Arm, q: ArrayLike) -> tuple[Sequence[Any], Sequence[Any]]:
+def _cos_sin(theta: FloatArray) -> tuple[Sequence[Any], Sequence[Any]]:
     """Return cosines and sines joint by joint; as floats for a single configuration."""
-    theta = own_angles(arm, q)
     if theta.ndim == 1:
         angles = theta.tolist()
         return [cos(t) for t in angles], [sin(t) for t in angles]

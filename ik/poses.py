@@ -25,23 +25,28 @@ def is_rigid(c: FloatArray) -> bool:
     """
     if c.shape[1] == 0:
         return True
-    tol = ROTATION_TOLERANCE
-    x, y, z = c[0:3], c[4:7], c[8:11]
-    worst = np.abs(x[0] * x[0] + x[1] * x[1] + x[2] * x[2] - 1.0)
-    for error in (
-        y[0] * y[0] + y[1] * y[1] + y[2] * y[2] - 1.0,
-        x[0] * y[0] + x[1] * y[1] + x[2] * y[2],
-        x[1] * y[2] - x[2] * y[1] - z[0],
-        x[2] * y[0] - x[0] * y[2] - z[1],
-        x[0] * y[1] - x[1] * y[0] - z[2],
-        c[15] - 1.0,
-        c[12],
-        c[13],
-        c[14],
-    ):
-        np.maximum(worst, np.abs(error), out=worst)  # maximum passes NaN on
-    finite = c[3] * 0.0 + c[7] * 0.0 + c[11] * 0.0  # NaN where a position is NaN or infinite
-    return bool(worst.max() <= tol and finite.max() == 0.0)
+    x, y, z, last = c[0:3], c[4:7], c[8:11], c[12:16]
+    error = np.empty((6, c.shape[1]))
+    np.subtract(_dot(x, x), 1.0, out=error[0])
+    np.subtract(_dot(y, y), 1.0, out=error[1])
+    error[2] = _dot(x, y)
+    for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
+        np.subtract(x[j] * y[k] - x[k] * y[j], z[i], out=error[3 + i])
+    return bool(
+        _within_tolerance(error)
+        and _within_tolerance(last[:3])
+        and _within_tolerance(last[3] - 1.0)
+        and np.isfinite(c[3:12:4]).all()
+    )
+
+
+def _dot(a: FloatArray, b: FloatArray) -> FloatArray:
+    return np.asarray(a[0] * b[0] + a[1] * b[1] + a[2] * b[2])
+
+
+def _within_tolerance(error: FloatArray) -> bool:
+    # two reductions, where abs would make a copy; both are NaN if any error is
+    return bool(error.max() <= ROTATION_TOLERANCE and error.min() >= -ROTATION_TOLERANCE)
 
 
 def check_poses(T: FloatArray, name: str = "T") -> None:

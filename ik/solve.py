@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import struct
 from typing import NamedTuple
 
@@ -10,58 +11,121 @@ from numpy.typing import ArrayLike, NDArray
 
 from . import _batch, _single
 from .arm import Arm
-from .exceptions import InvalidPose
+from .exceptions import IKError, InvalidPose
+from .kinematics import singular
 from .poses import explain
+from .tolerances import LIMIT_SLACK
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
 
-_pack = struct.Struct("48d").pack_into
+NO_BRANCHES = ((math.nan,) * 6,) * 4
+EXISTS = {
+    (front, back): np.array([front] * 4 + [back] * 4, dtype=np.bool_)
+    for front in (False, True)
+    for back in (False, True)
+}
+"""The masks a pose can have: a shoulder reaches it with both elbows and both wrists, or not."""
+
+_store = struct.Struct("48d").pack_into  # half the time of np.array on nested tuples
 
 
 class Solutions(NamedTuple):
     """All branches of each pose, in the order of the branch table in README.md.
 
     Branch 4 * shoulder + 2 * elbow + wrist: shoulder 0 has the wrist center in front of axis 1, 1
-    behind it; elbow 0 has theta3 above the stretched arm's, 1 below; wrist 0 has theta5 >= 0, 1
-    theta5 <= 0. The angles are the robot's, so a negative sign of axis 5 swaps what is seen.
+    behind it; elbow 0 has theta3 above that of the stretched arm, 1 below; wrist 0 has
+    theta5 >= 0, 1 theta5 <= 0.
     """
 
+    arm: Arm
+    """The arm they are for."""
     q: FloatArray
-    """Joint angles [rad], within [-pi, pi]; NaN where a branch does not exist. Shape (..., 8, 6)."""
+    """Joint angles [rad], within [-pi, pi] but for the turns that limits ask for; NaN where a
+    branch does not exist. Shape (..., 8, 6)."""
     valid: BoolArray
     """The branch exists, limits apart. Shape (..., 8)."""
+    in_limits: BoolArray
+    """The branch exists, and its q is inside of the limits if any were given. Shape (..., 8)."""
+
+    @property
+    def singular(self) -> BoolArray:
+        """The branch is at its shoulder, elbow or wrist singularity. Shape (..., 8, 3).
+
+        There its joint angles are one choice of infinitely many (shoulder, wrist), or it coincides
+        with another branch (elbow, and shoulder or wrist too). See README.md for the choice.
+        """
+        return singular(self.arm, self.q)
 
 
-def inverse(arm: Arm, T: ArrayLike) -> Solutions:
+def inverse(
+    arm: Arm, T: ArrayLike, limits: tuple[ArrayLike, ArrayLike] | None = None
+) -> Solutions:
     """Compute every configuration that brings the tool to a pose.
 
     Args:
         arm: The arm.
-        T: T_base_tool. Shape (..., 4, 4). One matrix takes a path of its own that costs
+        T: T_base_tool. Shape (..., 4, 4). One matrix takes a path of its own, which costs
             microseconds.
+        limits: Lower and upper joint limits [rad], shapes (6,). Branches that a number of turns
+            brings inside, `LIMIT_SLACK` allowed, are turned by the least number upwards from the
+            lower limit; use `turns` to have all.
 
     Returns:
         Eight branches per pose. An unreachable pose has no valid branch; that is no error.
 
     Raises:
         InvalidPose: A matrix is no rigid transform (see `check_poses`).
+        IKError: The limits have a wrong shape or value.
     """
     poses = np.asarray(T, dtype=np.float64)
+    bounds = [] if limits is None else _bounds(*limits)
     if poses.shape == (4, 4):
-        rows = poses.tolist()
-        if not _single.is_rigid(rows):
-            raise explain(poses[None], ())
-        branches = _single.solve(arm, rows)
-        q = np.empty((8, 6))
-        a, b, c, d, e, f, g, h = branches
-        _pack(q, 0, *a, *b, *c, *d, *e, *f, *g, *h)
-        return Solutions(q, q[:, 0] == q[:, 0])
+        return _inverse_single(arm, poses, bounds)
     if poses.ndim < 2 or poses.shape[-2:] != (4, 4):
         raise InvalidPose(f"T must have shape (..., 4, 4), got {poses.shape}")
+    shape = poses.shape[:-2]
     flat = np.ascontiguousarray(poses).reshape(-1, 4, 4)
     q = np.empty((len(flat), 8, 6))
-    if not _batch.solve(arm, flat, q):
-        raise explain(flat, poses.shape[:-2])
-    q = q.reshape(*poses.shape[:-2], 8, 6)
-    return Solutions(q, ~np.isnan(q[..., 0]))
+    valid, inside = np.empty((2, len(flat), 8), dtype=np.bool_)
+    if not _batch.solve(arm, flat, q, valid, bounds, inside):
+        raise explain(flat, shape)
+    return Solutions(
+        arm, q.reshape(*shape, 8, 6), valid.reshape(*shape, 8), inside.reshape(*shape, 8)
+    )
+
+
+def _inverse_single(
+    arm: Arm, pose: FloatArray, bounds: list[tuple[int, float, float]]
+) -> Solutions:
+    """Solve one pose (4, 4) in Python floats."""
+    rows = pose.tolist()
+    if not _single.is_rigid(rows):
+        raise explain(pose[None], ())
+    front, back = _single.solve(arm, rows)
+    exists = EXISTS[front != (), back != ()]
+    branches = [*(front or NO_BRANCHES), *(back or NO_BRANCHES)]
+    inside = exists
+    if bounds:
+        turned = [_single.turn_into_limits(row, bounds) for row in branches]
+        inside = np.array([row is not None for row in turned])
+        branches = [new or old for new, old in zip(turned, branches, strict=True)]
+    a, b, c, d, e, f, g, h = branches
+    q = np.empty((8, 6))
+    _store(q, 0, *a, *b, *c, *d, *e, *f, *g, *h)
+    return Solutions(arm, q, exists.copy(), inside.copy())
+
+
+def _bounds(lower: ArrayLike, upper: ArrayLike) -> list[tuple[int, float, float]]:
+    """List the joints whose limits leave out some angle, with their limits and the slack."""
+    low = np.asarray(lower, dtype=np.float64)
+    high = np.asarray(upper, dtype=np.float64)
+    if low.shape != (6,) or high.shape != (6,):
+        raise IKError(f"limits must have shape (6,), got {low.shape} and {high.shape}")
+    bounds = []
+    for j, (a, b) in enumerate(zip(low.tolist(), high.tolist(), strict=True)):
+        if not a <= b:
+            raise IKError(f"limits of joint {j + 1} are not in order: {a} and {b}")
+        if a - LIMIT_SLACK > -math.pi or b + LIMIT_SLACK < math.pi:
+            bounds.append((j, a - LIMIT_SLACK, b + LIMIT_SLACK))
+    return bounds

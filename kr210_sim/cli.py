@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import os
 import sys
 import traceback
 from collections.abc import Sequence
@@ -39,6 +40,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     except KeyboardInterrupt:
         print("kr210-sim: interrupted; what is finished is kept", file=sys.stderr)
         return EXIT_INTERRUPTED
+    except BrokenPipeError:  # the reader of our output has gone, e.g. `| head`
+        sys.stdout = open(os.devnull, "w")
+        return EXIT_INTERNAL
     except OSError as error:
         print(f"kr210-sim: {error}; what is finished is kept", file=sys.stderr)
         return EXIT_INTERNAL
@@ -66,8 +70,13 @@ def _add_run(verbs: Any) -> None:
         allow_abbrev=False,
     )
     types: dict[str, Any] = {
-        "cycles": int, "seed": int, "mass": float, "speed": float, "min_success": float,
-        "robot": Path, "out": Path,
+        "cycles": int,
+        "seed": int,
+        "mass": float,
+        "speed": float,
+        "min_success": float,
+        "robot": Path,
+        "out": Path,
     }
     for name, (default, metadata) in RunConfig.metadata().items():
         option = "--" + name.replace("_", "-")
@@ -85,7 +94,9 @@ def _add_run(verbs: Any) -> None:
                 metavar=metadata["metavar"],
                 help=text + shown,
             )
-    parser.add_argument("--list-scenes", action="store_true", help="list the bundled scenes and exit")
+    parser.add_argument(
+        "--list-scenes", action="store_true", help="list the bundled scenes and exit"
+    )
     parser.set_defaults(verb=_run)
 
 

@@ -8,11 +8,10 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from kr210_sim.arrays import Array
 from kr210_sim.planning import CLEARANCE_FREE, Hand
 from kr210_sim.scene import Scene, Target
 from kr210_sim.simulation import Simulation
-
-Array = NDArray[np.float64]
 
 _SELF_CLEARANCE = 0.002
 """Kept between links of the robot itself [m]; neighbours of neighbours are always close."""

@@ -32,14 +32,12 @@ class RunConfig:
     robot: Path | None = _option(None, "a .xacro or .urdf; default: the bundled KR210", "PATH")
     cell: str = _option(
         "random",
-        "cell of the target: a number, 'random' (drawn for every cycle) or 'all' (a target in every "
-        "cell, taken in turn)",
+        "cell of the target: a number, 'random' (drawn for every cycle) or 'all' (a target in "
+        "every cell, taken in turn)",
         "N|random|all",
     )
     mass: float = _option(1.0, "mass of the target [kg]", "KG")
-    speed: float = _option(
-        1.0, "0 < F <= 1: velocity x F, acceleration x F^2, jerk x F^3", "F"
-    )
+    speed: float = _option(1.0, "0 < F <= 1: velocity x F, acceleration x F^2, jerk x F^3", "F")
     min_success: float = _option(0.8, "success rate below which the exit status is 1", "F")
     out: Path | None = _option(
         None, "folder of the results; default: runs/<time>-seed<S>; never overwritten", "DIR"

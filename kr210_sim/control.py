@@ -1,16 +1,14 @@
-"""Trajectory -> ctrl rows, one per physics step: arm servos with velocity feed-forward, and gripper."""
+"""Trajectory -> ctrl rows, one per physics step, for the arm servos and the gripper."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from kr210_sim.arrays import Array
 from kr210_sim.simulation import Simulation
 from kr210_sim.trajectory import ACCELERATION_TIME, JERK_TIME, TimeLaw, Trajectory
-
-Array = NDArray[np.float64]
 
 FINGER_QUICKNESS = 5.0
 """Fingers reach their velocity limit this many times sooner than the arm joints theirs."""
@@ -34,19 +32,24 @@ class Commands:
 class Controller:
     """Feeds the position actuators of one robot.
 
-    An actuator's force is kp (ctrl - q) - kv qd, so ctrl = q_des + (kv/kp) qd_des cancels the drag of
-    the velocity term: the servo then follows without a speed-dependent lag. The desired state is
-    sampled at the beginning of each step, not one step ahead.
+    An actuator's force is kp (ctrl - q) - kv qd, so ctrl = q_des + (kv/kp) qd_des cancels the drag
+    of the velocity term: the servo then follows without a speed-dependent lag. The desired state
+    is sampled at the beginning of each step, not one step ahead.
     """
 
     def __init__(self, simulation: Simulation) -> None:
         model, address = simulation.model, simulation.addresses
         self._robot = simulation.scene.robot
         self._step = float(model.opt.timestep)
-        self._lead = -model.actuator_biasprm[address.arm_ctrl, 2] / (
-            model.actuator_gainprm[address.arm_ctrl, 0]
+        self._lead = (
+            -model.actuator_biasprm[address.arm_ctrl, 2]
+            / (model.actuator_gainprm[address.arm_ctrl, 0])
         )
-        self._arm_ctrl, self._finger_ctrl, self._nu = address.arm_ctrl, address.finger_ctrl, model.nu
+        self._arm_ctrl, self._finger_ctrl, self._nu = (
+            address.arm_ctrl,
+            address.finger_ctrl,
+            model.nu,
+        )
         q = np.array(simulation.data.ctrl[address.arm_ctrl])[None]
         self._arm = Commands(ctrl=q, q=q, T_base_tcp=self._robot.forward(q))
         self._finger = np.array([simulation.data.ctrl[address.finger_ctrl]])

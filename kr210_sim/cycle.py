@@ -8,7 +8,6 @@ from dataclasses import dataclass
 
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
 
 from kr210_sim.collision import MujocoOracle
 from kr210_sim.control import Controller
@@ -22,8 +21,6 @@ from kr210_sim.scene import Target
 from kr210_sim.simulation import Simulation
 from kr210_sim.task import pick_options, place_options, release_point
 from kr210_sim.trajectory import MotionLimits, time_path
-
-Array = NDArray[np.float64]
 
 Probe = Callable[[Simulation, str, float], None]
 """Called before every record step with the simulation, the stage and the time [s]: tests disturb

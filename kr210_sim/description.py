@@ -1,4 +1,4 @@
-"""Robot description: expand a xacro or read a URDF, check it, and hand it on as a yourdfpy model."""
+"""Robot description: expand a xacro or read a URDF, and check it."""
 
 from __future__ import annotations
 
@@ -67,7 +67,12 @@ def _expand(path: Path) -> str:
     try:
         return str(xacro.process_file(str(path)).toprettyxml(indent="  "))
     except (
-        xacro.XacroException, ExpatError, DOMException, OSError, ValueError, RecursionError
+        xacro.XacroException,
+        ExpatError,
+        DOMException,
+        OSError,
+        ValueError,
+        RecursionError,
     ) as error:
         raise BadInput(
             f"{path}: xacro cannot expand it ({_one_line(error)}); correct the file"
@@ -102,7 +107,9 @@ def _check(path: Path, model: Any) -> None:
                 raise BadInput(f"{where}: limit {field} is {value}; give a positive number")
         lower, upper = joint.limit.lower, joint.limit.upper
         if joint.type != "continuous" and not _ordered(lower, upper):
-            raise BadInput(f"{where}: limits {lower} .. {upper} are not a range; give lower < upper")
+            raise BadInput(
+                f"{where}: limits {lower} .. {upper} are not a range; give lower < upper"
+            )
     for link in model.robot.links:
         inertial = link.inertial
         if inertial is None:

@@ -6,13 +6,11 @@ from typing import Any
 
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
 
+from kr210_sim.arrays import Array
 from kr210_sim.description import Description
 from kr210_sim.exceptions import BadInput
 from kr210_sim.robot import TCP_LINK, Robot
-
-Array = NDArray[np.float64]
 
 TIMESTEP = 0.0005
 """Physics step [s]: Euler at 0.5 ms reports actuator forces honestly and keeps the grasp."""
@@ -116,8 +114,12 @@ def _add_link(
         body.mass = link.inertial.mass
         body.ipos = origin[:3, 3]
         body.fullinertia = [
-            inertia[0, 0], inertia[1, 1], inertia[2, 2],
-            inertia[0, 1], inertia[0, 2], inertia[1, 2],
+            inertia[0, 0],
+            inertia[1, 1],
+            inertia[2, 2],
+            inertia[0, 1],
+            inertia[0, 2],
+            inertia[1, 2],
         ]
     if joint is not None and joint.type != "fixed":
         _add_joint(body, joint)
@@ -237,8 +239,8 @@ def _exclude_touching_at_zero(spec: mujoco.MjSpec) -> None:
 def _tune(spec: mujoco.MjSpec, robot: Robot) -> None:
     """Set servo gains from the reflected inertia of each joint.
 
-    M is the largest diagonal entry of the joint-space inertia (armature included) over the workspace
-    sampled below; with it the loop is never less than critically damped.
+    M is the largest diagonal entry of the joint-space inertia (armature included) over the
+    workspace sampled below; with it the loop is never less than critically damped.
     """
     model = spec.compile()
     data = mujoco.MjData(model)

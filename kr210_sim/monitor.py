@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from typing import NamedTuple
+
 import numpy as np
 from numpy.typing import NDArray
-
 from scipy.spatial.transform import Rotation
 
+from kr210_sim.arrays import Array
 from kr210_sim.control import Commands
 from kr210_sim.criteria import (
     EFFORT_RATIO_LIMIT,
@@ -19,8 +22,6 @@ from kr210_sim.criteria import (
 )
 from kr210_sim.record import STAGES, Event
 from kr210_sim.simulation import Simulation
-
-Array = NDArray[np.float64]
 
 
 class Monitor:
@@ -63,7 +64,10 @@ class Monitor:
 
     def series(self) -> dict[str, Array]:
         """Return the series so far, name -> (n, ...)."""
-        return {name: np.array(values) for name, values in self._series.items()}
+        series = {name: np.array(values) for name, values in self._series.items()}
+        if series:
+            series["tcp_commanded"] = _position_quaternion(series["tcp_commanded"])
+        return series
 
     def observe(self, rows: Array, commands: Commands, stage: str) -> None:
         """Take in the measurements (n, m) of the physics steps of one record step."""
@@ -75,9 +79,7 @@ class Monitor:
         right, left = column["target_right"], column["target_left"]
         touch = np.stack([right[:, 0] > 0, left[:, 0] > 0], axis=1)
         height = column["target_position"][:, 2] - self._rest_height
-        only_fingers = touch.all(axis=1) & (
-            column["target_all"][:, 0] == right[:, 0] + left[:, 0]
-        )
+        only_fingers = touch.all(axis=1) & (column["target_all"][:, 0] == right[:, 0] + left[:, 0])
         slip_m, slip_rad = self._slip(column, touch)
         foreign = rows @ self._simulation.foreign_weights
         q, qd, effort = rows[:, self._q], rows[:, self._qd], rows[:, self._tau]
@@ -98,8 +100,10 @@ class Monitor:
             "stage": STAGES.index(stage),
             "qpos": np.array(self._simulation.data.qpos),
             "ctrl": commands.ctrl[len(rows) - 1],
-            "tcp_commanded": _position_quaternion(commands.T_base_tcp[len(rows) - 1]),
-            "tcp_measured": np.concatenate([column["tcp_position"][-1], column["tcp_quat_wxyz"][-1]]),
+            "tcp_commanded": commands.T_base_tcp[len(rows) - 1],
+            "tcp_measured": np.concatenate(
+                [column["tcp_position"][-1], column["tcp_quat_wxyz"][-1]]
+            ),
             "tracking_max": tracking.max(),
             "finger_force": self.force,
             "fingers_touch": touch.all(axis=0),
@@ -115,8 +119,9 @@ class Monitor:
         }
         for name, value in kept.items():
             self._series.setdefault(name, []).append(np.asarray(value, dtype=float))
-        times = start + self._step * np.arange(len(rows))
-        self._note_events(times, stage, foreign, excess, qd, effort, touch, slip_m)
+        usage = (excess, np.abs(qd) / self._velocity, np.abs(effort) / self._effort)
+        found = [*self._foreign(foreign), *self._limits(*usage), *self._losses(touch, slip_m)]
+        self._note(found, start, stage)
 
     def _slip(self, column: dict[str, Array], touch: NDArray[np.bool_]) -> tuple[Array, Array]:
         """Return shift [m] and turn [rad] of the target in the TCP frame since lift-off, (n,)."""
@@ -145,48 +150,52 @@ class Monitor:
         else:
             self.resting_for += len(speed) * self._step
 
-    def _note_events(
-        self,
-        times: Array,
-        stage: str,
-        foreign: Array,
-        excess: Array,
-        qd: Array,
-        effort: Array,
-        touch: NDArray[np.bool_],
-        slip_m: Array,
-    ) -> None:
-        """Append the first breach of each condition in these steps, earliest first."""
-        found: list[Event] = []
+    def _foreign(self, count: Array) -> Iterator[_Breach]:
+        """Yield the first contact that is not permitted."""
+        if np.any(count > 0):
+            yield _Breach(int(np.argmax(count > 0)), "collision", self._simulation.foreign_pair())
 
-        def first(mask: NDArray[np.bool_], reason: str, detail: str) -> None:
-            if mask.any():
-                when = float(times[int(np.argmax(mask))])
-                found.append(Event(reason=reason, stage=stage, time=when, detail=detail))
-
-        if (foreign > 0).any():
-            first(foreign > 0, "collision", self._simulation.foreign_pair())
-        for values, limit, what in (
-            (excess, POSITION_SLACK, "position limit crossed"),
-            (np.abs(qd) / self._velocity, SPEED_RATIO_LIMIT, "speed limit exceeded"),
-            (np.abs(effort) / self._effort, EFFORT_RATIO_LIMIT, "motor saturated"),
+    def _limits(self, excess: Array, speed: Array, effort: Array) -> Iterator[_Breach]:
+        """Yield the first breach of the position, speed and effort limits, (n, 6) each."""
+        for breach, what in (
+            (excess > POSITION_SLACK, "position limit crossed"),
+            (speed > SPEED_RATIO_LIMIT, "speed limit exceeded"),
+            (effort >= EFFORT_RATIO_LIMIT, "motor saturated"),
         ):
-            breach = values >= limit if what == "motor saturated" else values > limit
-            if breach.any():
-                joint = self._joints[int(np.argmax(breach.any(axis=0)))]
-                first(breach.any(axis=1), "limits_exceeded", f"{joint}: {what}")
-        if self._lift_off is not None and not self.released and self.lifted:
-            lost = ~touch.all(axis=1)
-            first(lost, "dropped", "a finger lost the target")
-            first(slip_m >= SLIP_LIMIT, "dropped", f"slipped {1000 * slip_m.max():.1f} mm")
+            if np.any(breach):
+                step, joint = np.unravel_index(int(np.argmax(breach)), breach.shape)
+                yield _Breach(int(step), "limits_exceeded", f"{self._joints[joint]}: {what}")
+
+    def _losses(self, touch: Array, slip_m: Array) -> Iterator[_Breach]:
+        """Yield the first step at which a target being carried is lost."""
+        if not self.lifted or self.released:
+            return
+        lost = ~np.all(touch, axis=1)
+        if np.any(lost):
+            yield _Breach(int(np.argmax(lost)), "dropped", "a finger lost the target")
+        if np.any(slip_m >= SLIP_LIMIT):
+            detail = f"slipped {1000 * slip_m.max():.1f} mm"
+            yield _Breach(int(np.argmax(slip_m >= SLIP_LIMIT)), "dropped", detail)
+
+    def _note(self, found: list[_Breach], start: float, stage: str) -> None:
+        """Append the first breach for each reason to the events, earliest first."""
         known = {event.reason for event in self.events}
-        for event in sorted(found, key=lambda event: event.time):
-            if event.reason not in known:
-                known.add(event.reason)
-                self.events.append(event)
+        for step, reason, detail in sorted(found, key=lambda breach: breach.step):
+            if reason not in known:
+                known.add(reason)
+                time = start + step * self._step
+                self.events.append(Event(reason=reason, stage=stage, time=time, detail=detail))
+
+
+class _Breach(NamedTuple):
+    """A condition broken at a physics step, counted from the start of the record step."""
+
+    step: int
+    reason: str
+    detail: str
 
 
 def _position_quaternion(T: Array) -> Array:
-    """Return position and quat_wxyz (7,) of a pose (4, 4)."""
-    x, y, z, w = Rotation.from_matrix(T[:3, :3]).as_quat(canonical=True)
-    return np.array([*T[:3, 3], w, x, y, z])
+    """Return position and quat_wxyz (n, 7) of poses (n, 4, 4)."""
+    quat_xyzw = Rotation.from_matrix(T[:, :3, :3]).as_quat(canonical=True)
+    return np.concatenate([T[:, :3, 3], quat_xyzw[:, [3, 0, 1, 2]]], axis=1)

@@ -4,13 +4,11 @@ from __future__ import annotations
 
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
 
+from kr210_sim.arrays import Array
 from kr210_sim.planning import SolvedPoses
 from kr210_sim.scene import ROBOT_PREFIX
 from kr210_sim.simulation import Simulation
-
-Array = NDArray[np.float64]
 
 
 def ik_offsets(simulation: Simulation, solved: SolvedPoses) -> tuple[Array, Array]:

@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.interpolate import BSpline, make_interp_spline
 
-Array = NDArray[np.float64]
+from kr210_sim.arrays import Array
 
 _DEGREE = 5
 """Quintic splines: the third derivative, from which jerk follows, is smooth."""
@@ -66,12 +65,12 @@ class Path:
     @property
     def start(self) -> Array:
         """First configuration (6,) [rad]."""
-        return self(np.zeros(1))[0]
+        return np.asarray(self(np.zeros(1))[0])
 
     @property
     def end(self) -> Array:
         """Last configuration (6,) [rad]."""
-        return self(np.ones(1))[0]
+        return np.asarray(self(np.ones(1))[0])
 
     def samples(self, step: float) -> Array:
         """Return configurations (N, 6) no further apart than `step` [rad] in any joint."""

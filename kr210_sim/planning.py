@@ -1,4 +1,4 @@
-"""Tool poses -> collision-free joint paths of a whole cycle, one branch along each straight line."""
+"""Tool poses -> collision-free joint paths of a whole cycle."""
 
 from __future__ import annotations
 
@@ -6,18 +6,17 @@ import time
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from enum import Enum
+from itertools import pairwise
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
 import ik
+from kr210_sim.arrays import Array
 from kr210_sim.exceptions import CycleFailure
 from kr210_sim.path import Path
 from kr210_sim.robot import Robot
 from kr210_sim.task import PickPoses, PlacePoses, line
-
-Array = NDArray[np.float64]
 
 CLEARANCE_FREE = 0.02
 """Kept to everything while moving between cell and bin [m]."""
@@ -35,7 +34,16 @@ CHECK_STEP = 0.012
 BRANCH_JUMP = 0.35
 """A larger step of a joint between neighbours on a line [rad] is a change of branch."""
 
-DETOURS = ((0.0, 0.0), (0.2, 0.0), (0.4, 0.0), (0.4, 0.2), (0.6, 0.0), (0.6, 0.3), (0.8, 0.2), (0.9, 0.0))
+DETOURS = (
+    (0.0, 0.0),
+    (0.2, 0.0),
+    (0.4, 0.0),
+    (0.4, 0.2),
+    (0.6, 0.0),
+    (0.6, 0.3),
+    (0.8, 0.2),
+    (0.9, 0.0),
+)
 """Bulges tried on a joint move, (towards axis 1, upwards) at mid-move [m], least first."""
 
 MAX_TRIALS = 60
@@ -62,7 +70,7 @@ class ClearanceOracle(Protocol):
 
 @dataclass(frozen=True, kw_only=True)
 class Leg:
-    """One motion: the stage it belongs to, its path, and whether its TCP path is a straight line."""
+    """One motion: its stage, its path, and whether the TCP moves on a straight line."""
 
     stage: str
     path: Path
@@ -174,10 +182,10 @@ class CyclePlanner:
         return CycleFailure("unreachable", f"no IK branch reaches {where}", stage=stage)
 
     def _tracks(self, polylines: list[tuple[Array, ...]], anchor: int) -> list[_Track]:
-        """Solve each polyline and follow every in-limit configuration of its anchor pose along it."""
+        """Solve each polyline and follow every configuration of its anchor pose along it."""
         tracks = []
         for poses in polylines:
-            parts = [line(a, b, LINE_STEP) for a, b in zip(poses[:-1], poses[1:], strict=True)]
+            parts = [line(a, b, LINE_STEP) for a, b in pairwise(poses)]
             joined = [parts[0]] + [part[1:] for part in parts[1:]]
             knots = (0, *np.cumsum([len(part) - 1 for part in parts]).tolist())
             T_base_palm = self.robot.tcp_to_palm(np.concatenate(joined))
@@ -230,9 +238,7 @@ class CyclePlanner:
         """Return the least time of joint moves (..., 6) at the velocity limits [s]."""
         return np.asarray(np.max(np.abs(q_to - q_from) / self.robot.velocity, axis=-1))
 
-    def _combine(
-        self, q_home: Array, picks: list[_Track], places: list[_Track]
-    ) -> CyclePlan | str:
+    def _combine(self, q_home: Array, picks: list[_Track], places: list[_Track]) -> CyclePlan | str:
         """Return the quickest free combination, or what blocked the last one tried."""
         pick_first = np.array([track.q[0] for track in picks])
         pick_last = np.array([track.q[-1] for track in picks])

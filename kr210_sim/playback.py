@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from pathlib import Path
 
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
 
+from kr210_sim.arrays import Array
 from kr210_sim.record import CycleRecord
 from kr210_sim.scene import ROBOT_PREFIX, Scene, Target, add_target
-
-Array = NDArray[np.float64]
 
 _PARKING_PITCH = 0.3  # [m], between parked targets
 
@@ -49,3 +48,17 @@ def place_joints(
         address = int(model.joint(name).qposadr[0])
         qpos[address : address + width] = values[start : start + width]
         start += width
+
+
+def load_world(out: Path, cycle: int) -> mujoco.MjModel:
+    """Load the saved world in which a cycle of a run took place.
+
+    Args:
+        out: folder of the run.
+        cycle: index in the run.
+    """
+    for scene in sorted((out / "episodes").glob("*/scene.xml")):
+        model = mujoco.MjModel.from_xml_path(str(scene))
+        if any(model.key(index).name == f"cycle_{cycle:04d}" for index in range(model.nkey)):
+            return model
+    raise FileNotFoundError(f"{out}: no episode holds cycle {cycle}")

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from kr210_sim.arrays import Array
 
 RECORD_STEP = 0.010
 """Interval at which the state is kept [s]; extremes cover every physics step in between."""

@@ -7,13 +7,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 import ik
+from kr210_sim.arrays import Array
 from kr210_sim.description import Description
 from kr210_sim.exceptions import BadInput
-
-Array = NDArray[np.float64]
 
 TCP_LINK = "tcp"
 

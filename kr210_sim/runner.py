@@ -66,8 +66,8 @@ def load_world(config: RunConfig) -> Scene:
     scene = build_scene(find_scene(config.scene), robot, robot_spec(description, robot))
     if config.cell not in ("random", "all") and int(config.cell) > len(scene.cells):
         raise BadInput(
-            f"--cell: scene '{scene.name}' has no cell {config.cell}; give 1 to {len(scene.cells)}, "
-            "random or all"
+            f"--cell: scene '{scene.name}' has no cell {config.cell}; give 1 to "
+            f"{len(scene.cells)}, random or all"
         )
     if config.mass > robot.max_payload:
         raise BadInput(
@@ -151,7 +151,9 @@ def _ignore(_message: str) -> None:
     return
 
 
-def run(config: RunConfig, *, on_cycle: OnCycle = lambda score: None) -> tuple[Path, dict[str, Any]]:
+def run(
+    config: RunConfig, *, on_cycle: OnCycle = lambda score: None
+) -> tuple[Path, dict[str, Any]]:
     """Run all cycles and write the results.
 
     Args:
@@ -175,9 +177,7 @@ def run(config: RunConfig, *, on_cycle: OnCycle = lambda score: None) -> tuple[P
         for episode in plan_episodes(config, scene):
             finished: list[tuple[Target, CycleScore]] = []
             try:
-                for target, score in run_episode(
-                    scene, episode, mass=config.mass, limits=limits
-                ):
+                for target, score in run_episode(scene, episode, mass=config.mass, limits=limits):
                     finished.append((target, score))
                     on_cycle(score)
             finally:
@@ -205,7 +205,9 @@ def _new_folder(config: RunConfig) -> Path:
         out.mkdir(parents=True, exist_ok=True)
         (out / "cycles").mkdir()
     except OSError as error:
-        raise BadInput(f"--out: {out} cannot be written ({error.strerror}); name another") from error
+        raise BadInput(
+            f"--out: {out} cannot be written ({error.strerror}); name another"
+        ) from error
     return out
 
 

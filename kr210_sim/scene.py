@@ -9,14 +9,12 @@ from typing import Any
 
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
 
+from kr210_sim.arrays import Array
 from kr210_sim.exceptions import BadInput
 from kr210_sim.mjcf import TIMESTEP
 from kr210_sim.resources import resource
 from kr210_sim.robot import Robot
-
-Array = NDArray[np.float64]
 
 ROBOT_PREFIX = "robot/"
 DEFAULT_TIME_LIMIT = 60.0  # [s]
@@ -32,6 +30,8 @@ OPTIONS = {
     "gravity": (0.0, 0.0, -9.81),
     # A diverging simulation must be seen and scored, not silently reset.
     "disableflags": int(mujoco.mjtDisableBit.mjDSBL_AUTORESET),
+    # Targets at rest in the bin need no solving; the one being picked never sleeps.
+    "enableflags": int(mujoco.mjtEnableBit.mjENBL_SLEEP),
 }
 """The physics, in one place. Elliptic cones with impratio 10 keep a grasp from creeping; the dense
 Jacobian avoids the sparse path that MuJoCo 4.0.0 computes wrongly."""
@@ -190,7 +190,9 @@ def build_scene(path: Path, robot: Robot, robot_spec: mujoco.MjSpec) -> Scene:
     cells = _cells(path, spec, world, data, T_base_world)
     place = _place(path, world, data, T_base_world)
     try:
-        _apply_options(spec)  # before the robot comes, whose options would be reported as a conflict
+        _apply_options(
+            spec
+        )  # before the robot comes, whose options would be reported as a conflict
         spec.attach(robot_spec.copy(), prefix=ROBOT_PREFIX, site=spec.site("robot_base"))
         spec.compile()
     except (ValueError, mujoco.FatalError) as error:
@@ -325,9 +327,8 @@ def _support(
 ) -> str:
     """Return the name of the geom right under a cell site, naming it if it has none."""
     above, geom = 0.01, np.full(1, -1, dtype=np.int32)
-    distance = mujoco.mj_ray(
-        model, data, p_world + [0.0, 0.0, above], np.array([0.0, 0.0, -1.0]), None, True, -1, geom
-    )
+    start, down = np.array([*p_world[:2], p_world[2] + above]), np.array([0.0, 0.0, -1.0])
+    distance = mujoco.mj_ray(model, data, start, down, None, True, -1, geom)
     if geom[0] < 0 or abs(distance - above) > 1e-3:
         raise BadInput(
             f"{path}: site 'cell_{number}' is not on a supporting surface; put it there within 1 mm"

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from kr210_sim.arrays import Array
 from kr210_sim.criteria import (
     CONDITIONS,
     EFFORT_RATIO_LIMIT,
@@ -20,8 +21,6 @@ from kr210_sim.criteria import (
 )
 from kr210_sim.record import MOTION_STAGES, STAGES, CycleRecord, Event
 from kr210_sim.stats import spread
-
-Array = NDArray[np.float64]
 
 _CARRYING = frozenset({"LIFT", "WITHDRAW", "MOVE_TO_PLACE", "LOWER"})
 
@@ -142,9 +141,7 @@ def _first_cause(record: CycleRecord, conditions: dict[str, bool]) -> Event | No
     return Event(reason=CONDITIONS[name], stage=stage, time=time, detail=f"{name} is false")
 
 
-def _score(
-    record: CycleRecord, conditions: dict[str, bool], cause: Event | None
-) -> CycleScore:
+def _score(record: CycleRecord, conditions: dict[str, bool], cause: Event | None) -> CycleScore:
     series = record.series
     moving = record.stage_mask(MOTION_STAGES) if series else np.zeros(0, dtype=bool)
     lifted = conditions["lifted"]

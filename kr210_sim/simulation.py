@@ -1,4 +1,4 @@
-"""The running world of one episode: MuJoCo model and data, targets that come and go, measurements."""
+"""The running world of one episode: targets that come and go, steps, and measurements."""
 
 from __future__ import annotations
 
@@ -9,9 +9,8 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from kr210_sim.arrays import Array
 from kr210_sim.scene import ROBOT_PREFIX, Scene, Target, add_target
-
-Array = NDArray[np.float64]
 
 _SENSOR_PREFIX = "measure/"
 
@@ -174,6 +173,14 @@ class Simulation:
                 self._spec.delete(sensor)
         if target is None:
             return
+        # Sleeping bodies report no contacts; only the others may sleep.
+        for name in self.targets:
+            never = name == target.name
+            self._spec.body(name).sleep = (
+                mujoco.mjtSleepPolicy.mjSLEEP_NEVER
+                if never
+                else mujoco.mjtSleepPolicy.mjSLEEP_ALLOWED
+            )
         self._watched = target.name
         robot = self.scene.robot
         types = mujoco.mjtSensor
@@ -212,7 +219,9 @@ class Simulation:
     def _sense_contacts(self, target: Target) -> None:
         """Count contacts in C at every physics step: all of them, and the permitted ones."""
         subtree, body, geom = (
-            mujoco.mjtObj.mjOBJ_XBODY, mujoco.mjtObj.mjOBJ_BODY, mujoco.mjtObj.mjOBJ_GEOM,
+            mujoco.mjtObj.mjOBJ_XBODY,
+            mujoco.mjtObj.mjOBJ_BODY,
+            mujoco.mjtObj.mjOBJ_GEOM,
         )
         robot = (subtree, ROBOT_PREFIX + self.scene.robot.root)
         picked = (body, target.name)

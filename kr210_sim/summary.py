@@ -62,7 +62,9 @@ def summarize(
         "plan_time_s": _spread_clock(scores, "plan_time_s"),
         "wall_time_s": wall_time_s,
         "realtime_factor": simulated / wall_time_s if wall_time_s > 0 else None,
-        "failures": count_reasons([score.cause.reason if score.cause else None for score in scores]),
+        "failures": count_reasons(
+            [score.cause.reason if score.cause else None for score in scores]
+        ),
         "limits": {
             "velocity_rad_s": limits.velocity.tolist(),
             "acceleration_rad_s2": limits.acceleration.tolist(),

@@ -6,9 +6,8 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from kr210_sim.arrays import Array
 
 APPROACH_DISTANCE = 0.20
 """From pre-grasp to grasp, straight along the tool [m]; as in the original course."""
@@ -26,7 +25,7 @@ PLACE_YAWS = np.radians([0.0, 30.0, -30.0, 60.0, -60.0, 90.0, -90.0, 180.0])
 """Turns of the downward tool about the vertical, from the arm's own plane [rad]."""
 
 PLACE_DEPTHS = (0.35, 0.25, 0.15, 0.05, -0.05, -0.20)
-"""Release heights to try, as depth of the TCP below the top of the place volume [m], lowest first."""
+"""Release heights to try, as depth of the TCP below the top of the place volume [m]."""
 
 LOWER_MARGIN = 0.12
 """The straight way down starts at least this far above the top of the place volume [m]."""

@@ -5,13 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from ruckig import InputParameter, Result, Ruckig
 from ruckig import Trajectory as RuckigTrajectory
 
+from kr210_sim.arrays import Array
 from kr210_sim.path import Path
-
-Array = NDArray[np.float64]
 
 ACCELERATION_TIME = 0.25
 """Time from rest to the velocity limit at the acceleration limit [s]."""
@@ -147,7 +145,11 @@ def time_path(path: Path, limits: MotionLimits) -> Trajectory:
             break
         # Slow down at once, speed up with care: the law's shape changes with its limits.
         stretch = stretch if stretch > 1.0 else stretch**0.7
-        velocity, acceleration, jerk = velocity / stretch, acceleration / stretch**2, jerk / stretch**3
+        velocity, acceleration, jerk = (
+            velocity / stretch,
+            acceleration / stretch**2,
+            jerk / stretch**3,
+        )
     if best is None:
         raise ValueError("no time law holds the joint limits on this path")
     return best
