@@ -24,7 +24,7 @@ CHUNK = 2048
 """Poses at a time: 16 KB for one quantity of a pose, and under 2 MB for all of them."""
 
 TWO_PI = 2.0 * np.pi
-Bounds = list[tuple[int, float, float]]
+Bounds = tuple[tuple[int, float, float], ...]
 
 
 def solve(
@@ -111,9 +111,7 @@ def _dot(a: Sequence[float], x: FloatArray) -> FloatArray:
     return np.asarray(a[0] * x[0] + a[1] * x[1] + a[2] * x[2])
 
 
-def _shoulders(
-    arm: Arm, w: FloatArray
-) -> tuple[FloatArray, FloatArray, FloatArray, BoolArray]:
+def _shoulders(arm: Arm, w: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, BoolArray]:
     """Turn the arm plane through the wrist center, forwards and backwards (step 2).
 
     Returns:
@@ -130,7 +128,7 @@ def _shoulders(
     else:
         x, y = x / r, y / r
     if arm.b == 0.0:
-        return np.stack([x, -x]), np.stack([y, -y]), np.stack([r, -r]), np.True_
+        return np.stack([x, -x]), np.stack([y, -y]), np.stack([r, -r]), np.ones(r.shape, np.bool_)
     b = abs(arm.b)
     turned = r >= b - REACH_TOLERANCE * arm.constants.reach
     rho = np.sqrt(np.maximum((r - b) * (r + b), 0.0))
@@ -232,15 +230,17 @@ def _turn_into_limits(q: FloatArray, bounds: Bounds) -> BoolArray:
         Where that was possible. Shape (2, 2, 2, n).
     """
     inside = np.ones((2, 2, 2, q.shape[-1]), dtype=np.bool_)
+    turns = []
     for j, low, high in bounds:
-        # the first joint is the same for both elbows, and the first three for both wrists
-        part = (slice(None), slice(0, 1 if j < 1 else 2), slice(0, 1 if j < 3 else 2))
-        angle = q[*part, j]
+        # joint 1 is the same for both elbows, and joints 1 to 3 are for both wrists, unless turned
+        angle = q[:, : 1 if j < 1 else 2, : 1 if j < 3 else 2, j]
         fits = (angle >= low) & (angle <= high)
         if low < -np.pi or high > np.pi:
             lowest = angle + TWO_PI * np.ceil((low - angle) / TWO_PI)
             turned = ~fits & (lowest <= high)
-            q[:, :, :, j] = np.where(turned, lowest, angle)
             fits |= turned
+            turns.append((j, turned, lowest))
         inside &= fits
+    for j, turned, lowest in turns:
+        q[:, :, :, j] = np.where(turned & inside, lowest, q[:, :, :, j])
     return inside

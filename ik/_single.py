@@ -15,6 +15,7 @@ from .tolerances import REACH_TOLERANCE, ROTATION_TOLERANCE, SMALL
 Row = tuple[float, ...]
 Rows = tuple[Row, ...]
 Matrix = list[list[float]]
+Bounds = tuple[tuple[int, float, float], ...]
 
 
 def is_rigid(T: Matrix) -> bool:
@@ -147,23 +148,29 @@ def _robot_angles(arm: Arm, theta: Row) -> Row:
     )
 
 
-def turn_into_limits(row: Row, bounds: list[tuple[int, float, float]]) -> Row | None:
-    """Add the turns that bring the angles of one branch inside of the limits.
+def turn_into_limits(rows: list[Row], bounds: Bounds) -> bytearray:
+    """Add the turns to each branch that bring it inside of the limits.
 
     Args:
-        row: q [rad], within [-pi, pi].
+        rows: Branches, q [rad] within [-pi, pi] or NaN; those that need turns are replaced.
         bounds: Joint, lower and upper limit [rad] of the joints whose limits leave something out.
 
     Returns:
-        The angles, or None when no number of turns does it.
+        1 for each branch that is inside now, 0 for the others.
     """
-    for j, low, high in bounds:
-        angle = row[j]
-        if not low <= angle <= high:
+    inside = bytearray(len(rows))
+    for i, row in enumerate(rows):
+        for j, low, high in bounds:
+            angle = row[j]
+            if low <= angle <= high:
+                continue
             if angle != angle:  # no branch
-                return None
+                break
             angle += tau * ceil((low - angle) / tau)
             if angle > high:
-                return None
+                break
             row = (*row[:j], angle, *row[j + 1 :])
-    return row
+        else:
+            inside[i] = 1
+            rows[i] = row
+    return inside

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import NamedTuple
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -21,7 +21,8 @@ BoolArray = NDArray[np.bool_]
 IntArray = NDArray[np.intp]
 
 
-class Layers(NamedTuple):
+@dataclass(frozen=True)
+class Layers:
     """The waypoints that have candidates, in order, after the start if there is one."""
 
     q: FloatArray
@@ -53,7 +54,7 @@ def find_layers(
         raise IKError(f"waypoints must have shape (n, 4, 4), got {poses.shape}")
     start = None if q_start is None else np.asarray(q_start, dtype=np.float64)
     if start is not None and (start.shape != (6,) or not np.isfinite(start).all()):
-        raise IKError(f"q_start must be six finite angles in rad, got {q_start}")
+        raise IKError(f"q_start must be six finite angles in rad, got {q_start!r}")
     branches = inverse(arm, poses).q
     rows = branches.reshape(-1, 6)
     owner = np.repeat(np.arange(len(poses)), 8)
@@ -82,9 +83,7 @@ def find_layers(
     return Layers(padded, exists, waypoint, close, start is not None, len(poses))
 
 
-def _slid(
-    arm: Arm, branches: FloatArray, start: FloatArray | None
-) -> tuple[FloatArray, IntArray]:
+def _slid(arm: Arm, branches: FloatArray, start: FloatArray | None) -> tuple[FloatArray, IntArray]:
     """Offer the angles of joint 4 of the waypoints around to those at the wrist singularity.
 
     There joint 4 may have any angle, so that of a neighbour lets the path pass without a swing.

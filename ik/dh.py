@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field, fields
+from itertools import pairwise
 from typing import Literal
 
 import numpy as np
@@ -162,15 +163,13 @@ def from_dh(
     )
 
 
-def dh_from_chain(
-    origins: ArrayLike, axes: ArrayLike, T_tip: ArrayLike | None = None
-) -> DH:
+def dh_from_chain(origins: ArrayLike, axes: ArrayLike, T_tip: ArrayLike | None = None) -> DH:
     """Derive the modified Denavit-Hartenberg table of any serial chain of revolute joints.
 
     z_i lies along joint i and x_i along the common normal from axis i to axis i + 1 (Craig,
     "Introduction to Robotics", section 3.4). Where that leaves a choice, it falls on d_i = 0, then
-    on the smaller |theta_i|, then on a_i > 0. Frame 0 is frame 1 at q_1 = 0, moved along the axis to
-    the height of the base; a last fixed row goes along z_n to the height of the tip.
+    on the smaller |theta_i|, then on a_i > 0. Frame 0 is frame 1 at q_1 = 0, moved along the axis
+    to the height of the base; a last fixed row goes along z_n to the height of the tip.
 
     Args:
         origins: Fixed transform from the parent link to each joint. Shape (n, 4, 4).
@@ -188,7 +187,7 @@ def dh_from_chain(
         raise IKError("the chain has no moving joint")
     frames = _frames(lines)
     T_first = frames[0]
-    rows = [_row(A, B) for A, B in zip(frames[:-1], frames[1:], strict=True)]
+    rows = [_row(A, B) for A, B in pairwise(frames)]
     T_last_tip = np.linalg.inv(frames[-1]) @ lines.T_tip
     rise = float(T_last_tip[2, 3])
     T_last_tip[2, 3] = 0.0

@@ -17,8 +17,8 @@ FloatArray = NDArray[np.float64]
 SLANT = 1e-3
 """Axes at a smaller angle than this have no usable common normal [rad]."""
 
-ROUNDING = 1e-15
-"""Numbers closer than this to a whole one are taken as whole: rounding of the input [1]."""
+DIGITS = 15
+"""Decimals to which lengths and offsets are rounded, so that 0.054 stays 0.054 [m and rad]."""
 
 
 def from_chain(
@@ -95,15 +95,16 @@ def misfits(lines: Axes, angle_tolerance: float, length_tolerance: float) -> tup
 def _wrist_misfits(lines: Axes, tolerance: float) -> list[str]:
     """Say how axes 4, 5 and 6 fail to meet in one point."""
     reasons = []
-    feet = {}
-    for i, j in ((4, 5), (5, 6)):
-        if _angle(lines.directions[i - 1], lines.directions[j - 1]) < SLANT:
-            return [f"axes {i} and {j} of the wrist are parallel"]
-        feet[i], feet[j, i] = nearest_points(lines, i - 1, j - 1)
-        gap = float(np.linalg.norm(feet[i] - feet[j, i]))
+    points_5 = []
+    for i in (4, 6):
+        if _angle(lines.directions[i - 1], lines.directions[4]) < SLANT:
+            return [f"axes {i} and 5 of the wrist are parallel"]
+        on_i, on_5 = nearest_points(lines, i - 1, 4)
+        points_5.append(on_5)
+        gap = float(np.linalg.norm(on_i - on_5))
         if gap > tolerance:
-            reasons.append(f"axes {i} and {j} do not meet: they pass {gap:.6g} m apart")
-    apart = float(np.linalg.norm(feet[5, 4] - feet[5]))
+            reasons.append(f"axes {i} and 5 do not meet: they pass {gap:.6g} m apart")
+    apart = float(np.linalg.norm(points_5[0] - points_5[1]))
     if apart > tolerance:
         reasons.append(f"axes 4 and 6 meet axis 5 {apart:.6g} m apart, not in one point")
     return reasons
@@ -155,14 +156,14 @@ def _arm(lines: Axes, tolerance: float, name: str) -> Arm:
     own = (Z, Y, Y, X4, Y5, X6)
     T_wrist = _pose(X6, Y5, np.cross(X6, Y5), center)
     return Arm(
-        a1=float(shoulder @ X),
-        d1=float(shoulder @ Z),
-        L2=math.hypot(upper @ X, upper @ Z),
-        a3=float(forearm @ Z4),
-        d4=float(forearm @ X4),
-        b=_whole(float((center - foot) @ Y)),
+        a1=_rounded(shoulder @ X),
+        d1=_rounded(shoulder @ Z),
+        L2=_rounded(math.hypot(upper @ X, upper @ Z)),
+        a3=_rounded(forearm @ Z4),
+        d4=_rounded(forearm @ X4),
+        b=_rounded((center - foot) @ Y),
         signs=tuple(1 if a @ b > 0.0 else -1 for a, b in zip(own, z, strict=True)),
-        offsets=tuple(_whole(t) for t in theta),
+        offsets=tuple(_rounded(t) for t in theta),
         T_base=_tidy(_pose(X, Y, Z, foot)),
         T_tool=_tidy(np.linalg.inv(T_wrist) @ lines.T_tip),
         name=name,
@@ -215,9 +216,9 @@ def _wrapped(angle: float) -> float:
     return math.remainder(angle, math.tau)
 
 
-def _whole(x: float) -> float:
-    """Round a number that is within rounding of zero to zero."""
-    return 0.0 if abs(x) < ROUNDING else x
+def _rounded(x: float) -> float:
+    """Clear a number of rounding, including a negative zero."""
+    return round(float(x), DIGITS) + 0.0
 
 
 def _pose(x: FloatArray, y: FloatArray, z: FloatArray, p: FloatArray) -> FloatArray:
@@ -227,8 +228,9 @@ def _pose(x: FloatArray, y: FloatArray, z: FloatArray, p: FloatArray) -> FloatAr
 
 
 def _tidy(T: FloatArray) -> FloatArray:
-    """Make a rotation that is a permutation of the axes, up to rounding, exactly one."""
+    """Clear a transform of rounding; a rotation by right angles becomes exactly one."""
     R = T[:3, :3]
-    if np.abs(R - np.rint(R)).max() < ROUNDING:
+    if np.abs(R - np.rint(R)).max() < 10.0**-DIGITS:
         T[:3, :3] = np.rint(R)
-    return T
+    T[:3, 3] = np.round(T[:3, 3], DIGITS)
+    return T + 0.0

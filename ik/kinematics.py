@@ -42,7 +42,7 @@ def forward(arm: Arm, q: ArrayLike) -> FloatArray:
     Raises:
         IKError: The last dimension of q is not 6.
     """
-    return _matrices(own_frames(arm, q)[6:])[..., 0, :, :]
+    return np.asarray(_matrices(own_frames(arm, q)[6:])[..., 0, :, :])
 
 
 def link_frames(arm: Arm, q: ArrayLike) -> FloatArray:
@@ -126,7 +126,7 @@ def singularity_distances(arm: Arm, q: ArrayLike) -> FloatArray:
     t2, t3, t5 = theta[..., 1], theta[..., 2], theta[..., 4]
     rho = arm.a1 + arm.L2 * np.sin(t2) + arm.d4 * np.cos(t2 + t3) + arm.a3 * np.sin(t2 + t3)
     distances = (rho / k.reach, np.cos(t3 + k.phi), np.sin(t5))
-    return np.abs(np.stack(distances, axis=-1))
+    return np.asarray(np.abs(np.stack(distances, axis=-1)))
 
 
 def singular(arm: Arm, q: ArrayLike, tolerance: float = SINGULAR_TOLERANCE) -> BoolArray:
@@ -253,7 +253,7 @@ def _cos_sin(theta: FloatArray) -> tuple[Sequence[Any], Sequence[Any]]:
         angles = theta.tolist()
         return [cos(t) for t in angles], [sin(t) for t in angles]
     joints = np.ascontiguousarray(np.moveaxis(theta, -1, 0))
-    return np.cos(joints), np.sin(joints)
+    return list(np.cos(joints)), list(np.sin(joints))
 
 
 def _turn(a: Vector, b: Vector, c: Any, s: Any) -> tuple[Vector, Vector]:

@@ -77,9 +77,7 @@ def within_limits(
     return np.asarray(inside.all(axis=-1))
 
 
-def turns(
-    q: ArrayLike, lower: ArrayLike, upper: ArrayLike, slack: float = LIMIT_SLACK
-) -> Turns:
+def turns(q: ArrayLike, lower: ArrayLike, upper: ArrayLike, slack: float = LIMIT_SLACK) -> Turns:
     """List every copy q + 2 pi k, k one whole number per joint, that is inside of the limits.
 
     Args:

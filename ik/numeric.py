@@ -106,7 +106,7 @@ def inverse_numeric(
     low, high, _ = check_limits(lower, upper)
     q = np.array(q_start, dtype=np.float64)
     if q.shape != (6,) or not np.isfinite(q).all():
-        raise IKError(f"q_start must be six finite angles in rad, got {q_start}")
+        raise IKError(f"q_start must be six finite angles in rad, got {q_start!r}")
     if not (np.isfinite(low).all() and np.isfinite(high).all()):
         raise IKError("random restarts need finite limits; give a continuous joint +-pi")
     generator = np.random.default_rng(rng)
@@ -153,7 +153,7 @@ def _descend(
     for _ in range(options.iterations):
         links = own_frames(arm, q)
         error = _error(target, links[6])
-        size = error @ error
+        size = float(error @ error)
         if size < options.tolerance**2 and size >= 0.25 * best:
             return q  # and it gets no better
         best = min(best, size)

@@ -37,7 +37,8 @@ class JointPath(NamedTuple):
     time: float
     """Sum of the steps' times at the velocity limits, from `q_start` on if there is one [s]."""
     jumps: int
-    """Steps between close waypoints that take longer than the slowest joint does for `JUMP_ANGLE`."""
+    """Steps between close waypoints that take as long as the slowest joint does for `JUMP_ANGLE`,
+    or longer."""
     travel: FloatArray
     """Way of each joint, the sum of |dq| [rad]. Shape (6,)."""
 
@@ -147,9 +148,7 @@ def greedy_sequence(
     return _path(layers, v, chosen)
 
 
-def _step_costs(
-    layers: Layers, velocity: FloatArray, jump_penalty: float
-) -> Iterator[FloatArray]:
+def _step_costs(layers: Layers, velocity: FloatArray, jump_penalty: float) -> Iterator[FloatArray]:
     """Compute the cost of each step, from any candidate of a layer to any of the next.
 
     A step alone is too little work for a NumPy call, so this goes by blocks of steps.

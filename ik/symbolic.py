@@ -56,7 +56,7 @@ def pose_formula() -> Any:
 def _sympy() -> Any:
     """Import sympy where it is used, since `ik` itself needs numpy alone."""
     try:
-        import sympy
+        import sympy  # type: ignore[import-not-found, import-untyped, unused-ignore]
     except ModuleNotFoundError as error:
         raise ModuleNotFoundError(
             "formulas need sympy: pip install 'kr210-sim[symbolic]', or pip install sympy"

@@ -20,6 +20,7 @@ from kr210_sim.record import RECORD_STEP, CycleRecord, Event
 from kr210_sim.scene import Target
 from kr210_sim.simulation import Simulation
 from kr210_sim.task import pick_options, place_options, release_point
+from kr210_sim.tracks import Solver
 from kr210_sim.trajectory import MotionLimits, time_path
 
 Probe = Callable[[Simulation, str, float], None]
@@ -52,12 +53,14 @@ class CycleSetup:
     Attributes:
         cycle, episode, seed: for the record.
         limits: joint limits of every motion.
+        solver: an IK that takes the place of the analytic one.
     """
 
     cycle: int
     episode: int
     seed: int
     limits: MotionLimits
+    solver: Solver | None = None
 
 
 class _Cycle:
@@ -207,8 +210,7 @@ def run_cycle(
         seed=setup.seed,
         cell=target.cell,
         target={"mass_kg": target.mass, "radius_m": target.radius, "length_m": target.length},
-        joint_names=_joint_names(simulation),
-        start_qpos=np.array(simulation.data.qpos),
+        start=simulation.positions(),
     )
     started = time.perf_counter()
     events: list[Event] = []
@@ -249,7 +251,7 @@ def _plan(cycle: _Cycle, record: CycleRecord) -> CyclePlan:
     simulation, target, scene = cycle.simulation, cycle.target, cycle.scene
     started = time.perf_counter()
     oracle = MujocoOracle(simulation, scene, target)
-    planner = CyclePlanner(robot=scene.robot, oracle=oracle)
+    planner = CyclePlanner(scene.robot, oracle, cycle.setup.solver)
     place = scene.place
     release = release_point(
         place.T_base_place, place.half_size, place.kind, target.length, simulation.placed()
@@ -262,16 +264,7 @@ def _plan(cycle: _Cycle, record: CycleRecord) -> CyclePlan:
         )
     finally:
         record.wall_clock["plan_time_s"] = time.perf_counter() - started
-    record.wall_clock["ik_time_s"] = plan.ik_seconds / plan.ik_poses
+    record.wall_clock["ik_time_s"] = plan.seconds_per_pose
     record.p_base_release = plan.p_base_release
     record.ik_offset_m, record.ik_offset_rad = ik_offsets(simulation, plan.solved)
     return plan
-
-
-def _joint_names(simulation: Simulation) -> list[tuple[str, int]]:
-    model = simulation.model
-    ends = [*model.jnt_qposadr[1:].tolist(), model.nq]
-    return [
-        (model.joint(index).name, int(end - start))
-        for index, (start, end) in enumerate(zip(model.jnt_qposadr, ends, strict=True))
-    ]

@@ -33,7 +33,9 @@ def episode_world(scene: Scene, targets: Sequence[Target], records: Sequence[Cyc
     ctrl = np.array(model.key(f"{ROBOT_PREFIX}home").ctrl)
     for record in records:
         qpos = parked.copy()
-        place_joints(model, qpos, record.joint_names, record.start_qpos)
+        widths = [len(values) for values in record.start.values()]
+        names = list(zip(record.start, widths, strict=True))
+        place_joints(model, qpos, names, np.concatenate(list(record.start.values())))
         spec.add_key(name=f"cycle_{record.cycle:04d}", qpos=qpos, ctrl=ctrl)
     spec.compile()
     return str(spec.to_xml())

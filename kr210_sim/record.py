@@ -65,8 +65,7 @@ class CycleRecord:
         ik_offset_m, ik_offset_rad: (N,) offsets of all solved poses.
         home_time: when the arm was back at home [s], or None.
         wall_clock: everything that depends on the machine's clock [s].
-        joint_names: name and width of each joint's part of `qpos`, in order.
-        start_qpos: `qpos` at the beginning of the cycle.
+        start: joint name -> its part of `qpos` at the beginning of the cycle, in order of `qpos`.
     """
 
     cycle: int
@@ -82,8 +81,7 @@ class CycleRecord:
     ik_offset_rad: Array = field(default_factory=lambda: np.empty(0))
     home_time: float | None = None
     wall_clock: dict[str, float] = field(default_factory=dict)
-    joint_names: list[tuple[str, int]] = field(default_factory=list)
-    start_qpos: Array = field(default_factory=lambda: np.empty(0))
+    start: dict[str, Array] = field(default_factory=dict)
 
     def stage_mask(self, stages: frozenset[str]) -> NDArray[np.bool_]:
         """Return which record steps (n,) belong to the stages named."""
@@ -120,8 +118,8 @@ def save_record(record: CycleRecord, path: Path) -> None:
         name: values.astype(np.float32) for name, values in record.series.items()
     }
     arrays["stage_names"] = np.array(STAGES)
-    arrays["joint_names"] = np.array([name for name, _ in record.joint_names])
-    arrays["joint_widths"] = np.array([width for _, width in record.joint_names])
+    arrays["joint_names"] = np.array(list(record.start))
+    arrays["joint_widths"] = np.array([len(values) for values in record.start.values()])
     path.parent.mkdir(parents=True, exist_ok=True)
     with path.open("wb") as file:
         np.savez_compressed(file, **arrays)

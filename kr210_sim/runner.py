@@ -112,8 +112,8 @@ def run_episode(
 ) -> Iterator[tuple[Target, CycleScore]]:
     """Run the cycles of one episode, yielding each target and its score as it is finished.
 
-    A target that was placed stays in the bin; one whose cycle failed is taken away, and the robot
-    starts the next cycle at home.
+    A target that was placed stays in the bin. A cycle that failed leaves no trace: its target is
+    taken away and everything else is put back as it was when the cycle began, the robot at home.
     """
     mujoco.set_mju_user_warning(_ignore)  # the simulation is asked instead, and no log file appears
     simulation = Simulation(scene)
@@ -144,7 +144,7 @@ def run_episode(
         yield target, score
         if not score.success:
             simulation.remove(target.name)
-            simulation.reset_robot()
+            simulation.restart(record.start)
 
 
 def _ignore(_message: str) -> None:

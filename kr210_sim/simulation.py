@@ -50,7 +50,7 @@ class Simulation:
         self._watched = ""
         self._permitted: set[str] = set()
         self._bind()
-        self.reset_robot()
+        self.restart({})
 
     def _bind(self) -> None:
         robot, model = self.scene.robot, self.model
@@ -70,19 +70,30 @@ class Simulation:
         """Return the id of a robot link's body."""
         return int(self.model.body(ROBOT_PREFIX + link).id)
 
-    def reset_robot(self) -> None:
-        """Put the robot at rest in the home configuration with the gripper open.
+    def restart(self, start: dict[str, Array]) -> None:
+        """Put every joint where it was in an earlier `positions()`, at rest, the robot at home.
 
-        Used between cycles only; targets keep their places.
+        Used between cycles only. Joints that did not exist then keep their places.
         """
-        address = self.addresses
-        self.data.qpos[address.arm] = 0.0
-        self.data.qpos[address.fingers] = self.scene.robot.finger_open
+        mujoco.mj_resetData(self.model, self.data)
+        for name, values in start.items():
+            if mujoco.mj_name2id(self.model, mujoco.mjtObj.mjOBJ_JOINT, name) >= 0:
+                first = int(self.model.joint(name).qposadr[0])
+                self.data.qpos[first : first + len(values)] = values
+        opening = self.scene.robot.finger_open
+        self.data.qpos[self.addresses.arm] = 0.0
+        self.data.qpos[self.addresses.fingers] = opening
         self.data.ctrl[:] = 0.0
-        self.data.ctrl[address.finger_ctrl] = self.scene.robot.finger_open
-        self.data.qvel[:] = 0.0
-        self.data.qacc_warmstart[:] = 0.0
-        self._clear_warnings()
+        self.data.ctrl[self.addresses.finger_ctrl] = opening
+        mujoco.mj_forward(self.model, self.data)
+
+    def positions(self) -> dict[str, Array]:
+        """Return the part of `qpos` of every joint by its name, in order."""
+        ends = [*self.model.jnt_qposadr[1:].tolist(), self.model.nq]
+        return {
+            self.model.joint(index).name: np.array(self.data.qpos[start:end])
+            for index, (start, end) in enumerate(zip(self.model.jnt_qposadr, ends, strict=True))
+        }
 
     def add(self, target: Target) -> None:
         """Add a target to the world; everything else keeps its state."""
@@ -139,10 +150,6 @@ class Simulation:
         warnings = mujoco.mjtWarning
         kinds = (warnings.mjWARN_BADQPOS, warnings.mjWARN_BADQVEL, warnings.mjWARN_BADQACC)
         return any(self.data.warning[int(kind)].number for kind in kinds)
-
-    def _clear_warnings(self) -> None:
-        for warning in self.data.warning:
-            warning.number = 0
 
     def foreign_pair(self) -> str:
         """Name the two bodies of the first contact that is not permitted, as of the last step."""

@@ -6,12 +6,13 @@ import argparse
 import os
 import subprocess
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from kr210_sim.arrays import Array
 from kr210_sim.exceptions import BadInput
 
 BACKENDS = ("egl", "osmesa")
@@ -78,62 +79,74 @@ def film_run(out: Path, film: Path, *, backend: str) -> None:
         raise OSError(f"the film could not be drawn: {last[0]}")
 
 
-def draw(out: Path, film: Path) -> int:
-    """Draw all cycles of a run into one .mp4; returns the number of frames."""
+def draw_film(out: Path, film: Path) -> None:
+    """Draw all cycles of a run into one .mp4; needs `MUJOCO_GL` to be set."""
     import imageio_ffmpeg
 
-    writer = imageio_ffmpeg.write_frames(
-        str(film), SIZE, fps=FPS, codec="libx264", quality=7, macro_block_size=2
-    )
+    writer = imageio_ffmpeg.write_frames(str(film), SIZE, fps=FPS, codec="libx264", quality=7)
     writer.send(None)
-    frames = 0
     try:
         for cycle in sorted((out / "cycles").glob("*.npz")):
-            for frame in _frames(out, cycle):
+            player = Player(out, int(cycle.stem))
+            for frame in player.frames(CAMERA, np.arange(0.0, player.duration, 1.0 / FPS)):
                 writer.send(np.ascontiguousarray(frame))
-                frames += 1
     finally:
         writer.close()
-    return frames
 
 
-def _frames(out: Path, cycle: Path) -> Any:
-    """Yield the pictures (height, width, 3) uint8 of one recorded cycle."""
-    import mujoco
+class Player:
+    """The record of one cycle as a sequence of pictures; needs `MUJOCO_GL` to be set.
 
-    from kr210_sim.playback import load_world, place_joints
-    from kr210_sim.record import load_series
+    Args:
+        out: folder of the run.
+        cycle: index in the run.
+        fine: antialiased with sharp shadows, at several times the cost in software OpenGL.
+    """
 
-    series = load_series(cycle)
-    if "qpos" not in series:  # it failed before anything moved
-        return
-    model = load_world(out, int(cycle.stem))
-    # Software OpenGL pays dearly for antialiasing; at this size its absence is hardly seen.
-    model.vis.quality.shadowsize, model.vis.quality.offsamples = 1024, 0
-    data = mujoco.MjData(model)
-    names = list(zip(series["joint_names"].tolist(), series["joint_widths"].tolist(), strict=True))
-    option = mujoco.MjvOption()
-    option.geomgroup[:] = [group in _VISIBLE_GROUPS for group in range(6)]
-    start = np.array(model.key(f"cycle_{int(cycle.stem):04d}").qpos)
-    with mujoco.Renderer(model, SIZE[1], SIZE[0]) as renderer:
-        for values in _sampled(series["time"], series["qpos"]):
-            data.qpos[:] = start
-            place_joints(model, data.qpos, names, values)
-            mujoco.mj_forward(model, data)
-            renderer.update_scene(data, CAMERA if _has_camera(model) else -1, option)
-            yield renderer.render()
+    def __init__(self, out: Path, cycle: int, *, fine: bool = False) -> None:
+        from kr210_sim.playback import load_world
+        from kr210_sim.record import load_series
 
+        self._series: dict[str, Any] = load_series(out / "cycles" / f"{cycle:04d}.npz")
+        self._model = load_world(out, cycle)
+        quality = self._model.vis.quality
+        quality.shadowsize, quality.offsamples = (8192, 8) if fine else (2048, 0)
+        self._start = np.array(self._model.key(f"cycle_{cycle:04d}").qpos)
+        self._time = self._series.get("time", np.zeros(1))  # absent if nothing moved
 
-def _has_camera(model: Any) -> bool:
-    return any(model.camera(index).name == CAMERA for index in range(model.ncam))
+    @property
+    def duration(self) -> float:
+        """Length of the record [s]."""
+        return float(self._time[-1])
 
+    def frames(self, camera: str, times: Array) -> Iterator[Array]:
+        """Yield the pictures (height, width, 3) uint8 at times (n,) [s]."""
+        import mujoco
 
-def _sampled(time: NDArray[Any], qpos: NDArray[Any]) -> NDArray[Any]:
-    """Interpolate recorded rows (n, nq) to the frame times; MuJoCo normalises quaternions."""
-    frames = np.arange(time[0], time[-1], 1.0 / FPS)
-    right = np.clip(np.searchsorted(time, frames), 1, len(time) - 1)
-    weight = ((frames - time[right - 1]) / (time[right] - time[right - 1]))[:, None]
-    return np.asarray((1 - weight) * qpos[right - 1] + weight * qpos[right])
+        from kr210_sim.playback import place_joints
+
+        model, data = self._model, mujoco.MjData(self._model)
+        option = mujoco.MjvOption()
+        option.geomgroup[:] = [group in _VISIBLE_GROUPS for group in range(6)]
+        known = any(model.camera(index).name == camera for index in range(model.ncam))
+        names, widths = self._series["joint_names"], self._series["joint_widths"]
+        joints = list(zip(names.tolist(), widths.tolist(), strict=True))
+        with mujoco.Renderer(model, SIZE[1], SIZE[0]) as renderer:
+            for values in self._interpolated(times):
+                data.qpos[:] = self._start
+                place_joints(model, data.qpos, joints, values)
+                mujoco.mj_forward(model, data)
+                renderer.update_scene(data, camera if known else -1, option)
+                yield renderer.render()
+
+    def _interpolated(self, times: Array) -> Array:
+        """Return the recorded joints at times (n,); MuJoCo normalises the quaternions."""
+        time, qpos = self._time, self._series.get("qpos")
+        if qpos is None:
+            return np.empty((0, 0))
+        right = np.clip(np.searchsorted(time, times), 1, len(time) - 1)
+        weight = np.clip((times - time[right - 1]) / (time[right] - time[right - 1]), 0, 1)[:, None]
+        return np.asarray((1 - weight) * qpos[right - 1] + weight * qpos[right])
 
 
 if __name__ == "__main__":
@@ -141,4 +154,4 @@ if __name__ == "__main__":
     parser.add_argument("run", type=Path)
     parser.add_argument("film", type=Path)
     arguments = parser.parse_args()
-    draw(arguments.run, arguments.film)
+    draw_film(arguments.run, arguments.film)

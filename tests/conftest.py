@@ -1,0 +1,128 @@
+"""What the tests share: the bundled robot and scene, the default run, and cycles on demand."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import mujoco
+import pytest
+
+from kr210_sim.config import RunConfig
+from kr210_sim.cycle import CycleSetup, Probe, run_cycle
+from kr210_sim.description import Description, load_description
+from kr210_sim.mjcf import robot_spec
+from kr210_sim.resources import resource
+from kr210_sim.robot import Robot, find_robot
+from kr210_sim.runner import TARGET_LENGTH, run
+from kr210_sim.scene import Scene, Target, build_scene, find_scene
+from kr210_sim.score import CycleScore, score_cycle
+from kr210_sim.simulation import Simulation
+from kr210_sim.trajectory import MotionLimits
+
+TURNED_2X2 = Path(__file__).parent / "scenes" / "turned_2x2.xml"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Run:
+    """A finished run: its folder, its summary and the scores as they were reported."""
+
+    out: Path
+    summary: dict[str, Any]
+    scores: list[CycleScore]
+
+
+@pytest.fixture(scope="session", autouse=True)
+def _no_log_file() -> None:
+    """Keep MuJoCo's warnings out of MUJOCO_LOG.TXT; tests ask `data.warning` instead."""
+    mujoco.set_mju_user_warning(lambda _message: None)
+
+
+@pytest.fixture(scope="session")
+def description() -> Description:
+    return load_description(resource("assets", "kr210", "kr210.urdf.xacro"))
+
+
+@pytest.fixture(scope="session")
+def robot(description: Description) -> Robot:
+    return find_robot(description)
+
+
+@pytest.fixture(scope="session")
+def spec(description: Description, robot: Robot) -> mujoco.MjSpec:
+    return robot_spec(description, robot)
+
+
+@pytest.fixture(scope="session")
+def robot_model(spec: mujoco.MjSpec) -> mujoco.MjModel:
+    """The robot alone, as MuJoCo compiles it."""
+    return spec.copy().compile()
+
+
+@pytest.fixture(scope="session")
+def scene(robot: Robot, spec: mujoco.MjSpec) -> Scene:
+    return build_scene(find_scene("shelf_and_bin"), robot, spec)
+
+
+@pytest.fixture(scope="session")
+def turned_scene(robot: Robot, spec: mujoco.MjSpec) -> Scene:
+    return build_scene(TURNED_2X2, robot, spec)
+
+
+@pytest.fixture(scope="session")
+def limits(robot: Robot) -> MotionLimits:
+    return MotionLimits.from_velocity(robot.velocity)
+
+
+@pytest.fixture(scope="session")
+def default_run(tmp_path_factory: pytest.TempPathFactory) -> Run:
+    """The run of `python run_cycles.py`: ten cycles, seed 0. Everything that can shares it."""
+    out = tmp_path_factory.mktemp("default") / "run"
+    scores: list[CycleScore] = []
+    _, summary = run(RunConfig(out=out), on_cycle=scores.append)
+    return Run(out=out, summary=summary, scores=scores)
+
+
+def standing_target(scene: Scene, cell: int, number: int = 0, mass: float = 1.0) -> Target:
+    return Target(
+        number=number,
+        cell=cell,
+        mass=mass,
+        T_base_target=scene.stand_in_cell(cell, TARGET_LENGTH),
+        length=TARGET_LENGTH,
+    )
+
+
+RunOneCycle = Callable[..., CycleScore]
+
+
+@pytest.fixture(scope="session")
+def one_cycle(scene: Scene, limits: MotionLimits) -> RunOneCycle:
+    """Run one cycle through the real sequencer, in a world of its own or in one that is given."""
+
+    def play(
+        probe: Probe | None = None,
+        *,
+        cell: int = 5,
+        world: Scene | None = None,
+        simulation: Simulation | None = None,
+        target: Target | None = None,
+    ) -> CycleScore:
+        place = world or (simulation.scene if simulation else scene)
+        simulation = simulation or Simulation(place)
+        target = target or standing_target(place, cell)
+        if target.name not in simulation.targets:
+            simulation.add(target)
+        setup = CycleSetup(cycle=target.number, episode=0, seed=0, limits=limits)
+        record = run_cycle(simulation, target, setup, probe=probe)
+        return score_cycle(record, time_limit=place.time_limit)
+
+    return play
+
+
+@pytest.fixture(scope="session")
+def good_cycle(default_run: Run) -> CycleScore:
+    """A cycle that went well, for tests that compare with one."""
+    return default_run.scores[0]

@@ -1,0 +1,145 @@
+"""How exact the inverse is, against forward kinematics of its own in extended precision.
+
+Each law has a short form that always runs and the full one, marked slow.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from ik_arms import KR210, parse_urdf, residuals, turn_about, wrapped
+
+import ik
+
+CHAIN = parse_urdf(KR210)
+ARM = ik.KR210
+STRETCHED = -np.pi / 2 - ARM.constants.phi
+"""theta3 of the stretched arm [rad]; the folded one has half a turn more."""
+RESIDUAL = 5e-15
+"""Largest distance [m] and angle [rad] between a pose and that of its solution."""
+BLOCK = 20_000
+
+FULL = pytest.param(True, marks=pytest.mark.slow)
+
+
+@pytest.mark.parametrize("full", [False, FULL])
+def test_random_poses(full):
+    rng = np.random.default_rng(20)
+    for _ in range(50 if full else 1):
+        q = rng.uniform(CHAIN.lower, CHAIN.upper, (BLOCK if full else 5000, 6))
+        T = CHAIN.forward(q).astype(float)
+        found = check(T)
+        assert np.array_equal(found.valid, existing(T))
+        error = np.abs(wrapped(found.q - q[:, None])).max(axis=-1)
+        assert np.nanmin(error, axis=1).max() < 1e-9
+
+
+@pytest.mark.parametrize("full", [False, FULL])
+@pytest.mark.parametrize("kind", ["wrist", "elbow", "shoulder", "all"])
+def test_next_to_singularities_and_on_them(kind, full):
+    rng = np.random.default_rng(["wrist", "elbow", "shoulder", "all"].index(kind))
+    for _ in range(4 if full else 1):
+        T = near_singular(kind, 20_000 if full else 2000, rng)
+        found = check(T)
+        assert found.valid.any(axis=1).all()
+
+
+def near_singular(kind: str, n: int, rng: np.random.Generator) -> np.ndarray:
+    """Poses 1e-16 to 0.1 away from a singularity [rad or m], and one in ten exactly on it."""
+    q = rng.uniform(CHAIN.lower, CHAIN.upper, (n, 6))
+    away = 10.0 ** rng.uniform(-16, -1, (3, n)) * rng.choice([-1.0, 1.0], (3, n))
+    away[:, ::10] = 0.0
+    if kind in ("wrist", "all"):
+        q[:, 4] = away[0]
+        q[::3, 4] += np.pi  # bent back onto itself
+    if kind in ("elbow", "all"):
+        q[:, 2] = STRETCHED + away[1]
+        q[::4, 2] += np.pi  # folded
+    T = CHAIN.forward(q).astype(float)
+    if kind in ("shoulder", "all"):
+        center = ik.wrist_center(ARM, T)
+        radius = np.hypot(center[:, 0], center[:, 1])
+        if kind == "all":  # a bent elbow must leave the wrist center where it is: lean q2 instead
+            return np.concatenate([T, over_the_base(q, away[2])])
+        # to 0.1 m from axis 1, at a height the arm can reach
+        T[:, 0, 3] += (away[2] / radius - 1.0) * center[:, 0]
+        T[:, 1, 3] += (away[2] / radius - 1.0) * center[:, 1]
+        T[:, 2, 3] += rng.uniform(1.0, 3.0, n) - center[:, 2]
+        T[::10, :2, 3] = 0.303 * T[::10, :2, 0]  # exactly on axis 1, as far as the solver can see
+    return T
+
+
+def over_the_base(q: np.ndarray, away: np.ndarray) -> np.ndarray:
+    """Lean the stretched or folded arms of q until the wrist center is next to axis 1."""
+    q = q.copy()
+    length = np.where(np.arange(len(q)) % 4 == 0, 1.25 - ARM.constants.L3, ARM.constants.reach)
+    reaches = np.abs((away - 0.35) / length) < 1.0
+    q, away, length = q[reaches], away[reaches], length[reaches]
+    q[:, 1] = np.arcsin((away - 0.35) / length)
+    return CHAIN.forward(q).astype(float)
+
+
+def check(T: np.ndarray) -> ik.Solutions:
+    """Assert that every solution reproduces its pose."""
+    found = ik.inverse(ARM, T)
+    pose, branch = np.nonzero(found.valid)
+    far, angle = residuals(CHAIN.forward(found.q[pose, branch]), T[pose])
+    assert far.max() < RESIDUAL
+    assert angle.max() < RESIDUAL
+    return found
+
+
+def existing(T: np.ndarray) -> np.ndarray:
+    """Which branches exist, by the annulus that the arm reaches, in extended precision."""
+    exact = T.astype(np.longdouble)
+    w = exact[:, :3, 3] - np.longdouble("0.303") * exact[:, :3, 0]
+    rho = np.sqrt(w[:, 0] ** 2 + w[:, 1] ** 2)
+    L2, L3 = np.longdouble("1.25"), np.sqrt(np.longdouble("1.5") ** 2 + np.longdouble("0.054") ** 2)
+    masks = []
+    for side in (rho, -rho):
+        D = np.sqrt((side - np.longdouble("0.35")) ** 2 + (w[:, 2] - np.longdouble("0.75")) ** 2)
+        masks.append((D <= L2 + L3) & (D >= abs(L2 - L3)))
+    return np.repeat(np.stack(masks, axis=1), 4, axis=1)
+
+
+def test_on_axis_1_with_the_arm_stretched():
+    # the wrist singularity on top of it: the arm straight up, with no freedom left unused
+    T = turn_about(1, -np.pi / 2)
+    T[2, 3] = 0.75 + np.sqrt(ARM.constants.reach**2 - 0.35**2) + 0.303
+    check(T[None])
+
+
+@pytest.mark.parametrize("kind", ["wrist", "elbow", "shoulder", "all"])
+def test_one_pose_is_as_exact_as_many(kind):
+    T = near_singular(kind, 100, np.random.default_rng(9))
+    for pose in T:
+        found = ik.inverse(ARM, pose)
+        assert found.valid.any()
+        q = found.q[found.valid]
+        far, angle = residuals(CHAIN.forward(q), np.broadcast_to(pose, (len(q), 4, 4)))
+        assert max(far.max(), angle.max()) < RESIDUAL
+
+
+def test_an_arm_that_folds_onto_its_shoulder():
+    arm = ik.Arm(a1=0.2, d1=0.5, L2=0.7, a3=0.0, d4=0.7)
+    T = np.eye(4)
+    T[:3, 3] = (0.2, 0.0, 0.5)  # the wrist center is the shoulder: joint 2 is free
+    for step in (0.0, 1e-300, 1e-150, 1e-80, 1e-16, 1e-8):
+        T[2, 3] = 0.5 + step
+        for found in (ik.inverse(arm, T), ik.inverse(arm, T[None])):
+            exists = found.valid.reshape(8)
+            assert exists[:4].all()
+            back = ik.forward(arm, found.q.reshape(8, 6)[exists])
+            assert np.abs(back - T).max() < RESIDUAL
+
+
+def test_a_lateral_offset_as_far_as_the_wrist_center():
+    arm = ik.Arm(a1=0.2, d1=0.5, L2=0.7, a3=0.1, d4=0.8, b=0.3)
+    for away in (-1e-10, -1e-14, 0.0, 1e-16, 1e-12, 1e-6):
+        T = turn_about(0, 0.7)
+        T[:3, 3] = (0.6 * (0.3 + away), 0.8 * (0.3 + away), 1.1)
+        for found in (ik.inverse(arm, T), ik.inverse(arm, T[None])):
+            exists = found.valid.reshape(8)
+            assert exists.all() == (away > -1e-11)
+            back = ik.forward(arm, found.q.reshape(8, 6)[exists])
+            assert np.abs(back - T).max(initial=0.0) < 1e-14 + max(0.0, -2 * away)
