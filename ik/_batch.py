@@ -174,8 +174,8 @@ def _elbows(
     np.add(Av, Su, out=z[:, 0])
     np.subtract(Av, Su, out=z[:, 1])
     q[:, :, :, 1] = np.arctan2(x, z)[:, :, None]
-    q[:, 0, :, 2] = (gamma - bend)[:, None]
-    q[:, 1, :, 2] = (-gamma - bend)[:, None]
+    for e, q3 in enumerate((gamma - bend, -gamma - bend)):
+        q[:, e, :, 2] = (q3 - TWO_PI * np.rint(q3 / TWO_PI))[:, None]
     # the forearm, from elbow to wrist center
     f = (0.5 / D2)[:, None]
     x *= f

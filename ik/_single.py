@@ -127,6 +127,8 @@ def _shoulder(k: Constants, R: Row, wz: float, c1: float, s1: float, rho: float)
     rows = []
     for x, z, q3 in ((Au - Sv, Av + Su, gamma - bend), (Au + Sv, Av - Su, -gamma - bend)):
         q2 = atan2(x, z)
+        if not -pi <= q3 <= pi:
+            q3 -= copysign(tau, q3)
         x, z = u - x * f, z * f - v
         c, s = d * x - a * z, d * z + a * x
         k0, k1, k2 = s * n0 + c * z0, s * n1 + c * z1, s * n2 + c * z2

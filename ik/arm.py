@@ -149,7 +149,7 @@ def _derive(arm: Arm) -> Constants:
             max(abs(L3 - arm.L2), SMALL),
             (arm.L2 - L3) * (arm.L2 + L3),
             arm.L2 * arm.L2 + L3 * L3,
-            0.5 * math.pi + phi,
+            math.remainder(0.5 * math.pi + phi, math.tau),
             arm.a3 / (L3 * L3),
             arm.d4 / (L3 * L3),
         ),

@@ -15,11 +15,12 @@ ROTATION_TOLERANCE: Final = 1e-6
 Lets poses through that were stored as float32, and refuses scaled and reflected matrices.
 """
 
-REACH_TOLERANCE: Final = 1e-12
+REACH_TOLERANCE: Final = 1e-14
 """How far the wrist center may lie outside of reach and count as on its edge.
 
 As a fraction of the stretched arm's length [1]. Rounding alone puts half of the poses of an exactly
-stretched arm outside, by some 1e-16.
+stretched arm outside, by some 1e-16. A pose that is outside gets the configurations of the nearest
+one that is not, so what is granted here is what such a solution may be off.
 """
 
 SINGULAR_TOLERANCE: Final = 1e-9

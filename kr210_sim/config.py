@@ -10,6 +10,7 @@ from typing import Any
 from kr210_sim.exceptions import BadInput
 
 MAX_CYCLES = 1_000_000
+SOLVERS = ("analytic", "numeric")
 EPISODE_CYCLES = 10
 """Cycles in one scene; targets that earlier cycles placed stay in the bin."""
 
@@ -38,6 +39,7 @@ class RunConfig:
     )
     mass: float = _option(1.0, "mass of the target [kg]", "KG")
     speed: float = _option(1.0, "0 < F <= 1: velocity x F, acceleration x F^2, jerk x F^3", "F")
+    ik: str = _option("analytic", "inverse kinematics to use: analytic or numeric", "NAME")
     min_success: float = _option(0.8, "success rate below which the exit status is 1", "F")
     out: Path | None = _option(
         None, "folder of the results; default: runs/<time>-seed<S>; never overwritten", "DIR"
@@ -59,6 +61,8 @@ class RunConfig:
             raise BadInput(f"--mass: {self.mass} is impossible; give kilograms above 0")
         if not (math.isfinite(self.speed) and 0 < self.speed <= 1):
             raise BadInput(f"--speed: {self.speed} is out of range; give 0 < F <= 1")
+        if self.ik not in SOLVERS:
+            raise BadInput(f"--ik: no solver '{self.ik}'; give one of {', '.join(SOLVERS)}")
         if not 0 <= self.min_success <= 1:
             raise BadInput(f"--min-success: {self.min_success} is no rate; give 0 <= F <= 1")
 

@@ -15,6 +15,7 @@ from typing import Any
 import mujoco
 import numpy as np
 
+import ik
 from kr210_sim import __version__
 from kr210_sim.config import EPISODE_CYCLES, RunConfig
 from kr210_sim.cycle import CycleSetup, Probe, run_cycle
@@ -24,11 +25,12 @@ from kr210_sim.mjcf import robot_spec
 from kr210_sim.playback import episode_world
 from kr210_sim.record import CycleRecord, save_record
 from kr210_sim.resources import resource
-from kr210_sim.robot import find_robot
+from kr210_sim.robot import Robot, find_robot
 from kr210_sim.scene import Scene, Target, build_scene, find_scene
 from kr210_sim.score import CycleScore, score_cycle
 from kr210_sim.simulation import Simulation
 from kr210_sim.summary import summarize
+from kr210_sim.tracks import Solver
 from kr210_sim.trajectory import MotionLimits
 
 TARGET_LENGTH = 0.25  # [m]
@@ -77,6 +79,13 @@ def load_world(config: RunConfig) -> Scene:
     return scene
 
 
+def make_solver(name: str, robot: Robot) -> Solver | None:
+    """Return the solver of `--ik NAME`, None for the analytic one."""
+    if name == "analytic":
+        return None
+    return ik.numeric_solver(robot.geometry, robot.lower, robot.upper)
+
+
 def plan_episodes(config: RunConfig, scene: Scene) -> Iterator[Episode]:
     """Share the cycles of a run out to episodes.
 
@@ -108,7 +117,13 @@ def plan_episodes(config: RunConfig, scene: Scene) -> Iterator[Episode]:
 
 
 def run_episode(
-    scene: Scene, episode: Episode, *, mass: float, limits: MotionLimits, probe: Probe | None = None
+    scene: Scene,
+    episode: Episode,
+    *,
+    mass: float,
+    limits: MotionLimits,
+    solver: Solver | None = None,
+    probe: Probe | None = None,
 ) -> Iterator[tuple[Target, CycleScore]]:
     """Run the cycles of one episode, yielding each target and its score as it is finished.
 
@@ -138,6 +153,7 @@ def run_episode(
             episode=episode.index,
             seed=episode.seeds[index],
             limits=limits,
+            solver=solver,
         )
         record = run_cycle(simulation, target, setup, probe=probe)
         score = score_cycle(record, time_limit=scene.time_limit)
@@ -170,6 +186,7 @@ def run(
     started = time.perf_counter()
     scene = load_world(config)
     limits = MotionLimits.from_velocity(scene.robot.velocity, config.speed)
+    solver = make_solver(config.ik, scene.robot)
     out = _new_folder(config)
     _write_json(out / "config.json", _provenance(config, scene))
     scores: list[CycleScore] = []
@@ -177,7 +194,9 @@ def run(
         for episode in plan_episodes(config, scene):
             finished: list[tuple[Target, CycleScore]] = []
             try:
-                for target, score in run_episode(scene, episode, mass=config.mass, limits=limits):
+                for target, score in run_episode(
+                    scene, episode, mass=config.mass, limits=limits, solver=solver
+                ):
                     finished.append((target, score))
                     on_cycle(score)
             finally:

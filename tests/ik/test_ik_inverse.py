@@ -238,7 +238,7 @@ def test_reach_ends_at_the_named_tolerance():
     shoulder = np.array([0.35 * np.cos(0.4), 0.35 * np.sin(0.4), 0.75])
     outwards = ik.wrist_center(ik.KR210, out) - shoulder
     outwards /= np.linalg.norm(outwards)
-    for step, reached in ((-1e-9, True), (0.0, True), (1e-13, True), (1e-10, False), (1e-3, False)):
+    for step, reached in ((-1e-9, True), (0.0, True), (1e-14, True), (1e-12, False), (1e-3, False)):
         T = out.copy()
         T[:3, 3] += step * outwards
         assert ik.inverse(ik.KR210, T).valid[:4].all() == reached
