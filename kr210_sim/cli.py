@@ -17,6 +17,7 @@ from kr210_sim.config import RunConfig
 from kr210_sim.exceptions import BadInput
 
 if TYPE_CHECKING:
+    from kr210_sim.robot import Robot
     from kr210_sim.score import CycleScore
 
 EXIT_PASSED, EXIT_GATE, EXIT_BAD_INPUT, EXIT_INTERNAL, EXIT_INTERRUPTED = 0, 1, 2, 3, 130
@@ -58,6 +59,8 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--version", action="version", version=versions)
     verbs = parser.add_subparsers(metavar="VERB", required=True)
     _add_run(verbs)
+    _add_ik(verbs)
+    _add_dh(verbs)
     return parser
 
 
@@ -152,6 +155,74 @@ def _film(config: RunConfig) -> Any:
         raise BadInput(f"--video: {target} must be a .mp4 in a folder that exists")
     backend = find_gl()
     return lambda out, path: film_run(out, path, backend=backend)
+
+
+def _add_ik(verbs: Any) -> None:
+    parser = verbs.add_parser(
+        "ik",
+        help="solve one pose: every branch with limits, residual and singularities",
+        description="Solve one pose of the palm (the bundled robot's gripper_link) in the base "
+        "frame, and list all eight branches.",
+        allow_abbrev=False,
+    )
+    parser.add_argument("--position", nargs=3, type=float, metavar=("X", "Y", "Z"), help="[m]")
+    parser.add_argument(
+        "--quaternion", nargs=4, type=float, metavar=("X", "Y", "Z", "W"), help="normalised here"
+    )
+    parser.add_argument(
+        "--rpy", nargs=3, type=float, metavar=("R", "P", "Y"), help="about fixed x, y, z [rad]"
+    )
+    parser.add_argument("--pose", metavar="JSON", help="T_base_palm as a 4 x 4 list, or a file")
+    parser.add_argument("--robot", type=Path, metavar="PATH", help="default: the bundled KR210")
+    parser.add_argument("--json", action="store_true", help="print JSON")
+    parser.set_defaults(verb=_ik)
+
+
+def _ik(options: argparse.Namespace) -> int:
+    from kr210_sim.kinematics import read_pose, solve_report, solve_text
+
+    T_base_palm = read_pose(
+        position=options.position,
+        quaternion=options.quaternion,
+        rpy=options.rpy,
+        pose=options.pose,
+    )
+    report = solve_report(_robot(options.robot), T_base_palm)
+    print(json.dumps(report, indent=2, allow_nan=False) if options.json else solve_text(report))
+    return EXIT_PASSED
+
+
+def _add_dh(verbs: Any) -> None:
+    parser = verbs.add_parser(
+        "dh",
+        help="derive joint table and modified DH table of a robot",
+        description="Print the joint table of a robot, the modified DH table derived from it, and "
+        "each transform.",
+        allow_abbrev=False,
+    )
+    parser.add_argument("robot", nargs="?", type=Path, help="default: the bundled KR210")
+    parser.add_argument("--symbolic", action="store_true", help="transforms as formulas (sympy)")
+    parser.add_argument("--json", action="store_true", help="print JSON")
+    parser.set_defaults(verb=_dh)
+
+
+def _dh(options: argparse.Namespace) -> int:
+    from kr210_sim.kinematics import dh_report, dh_symbols, dh_text
+
+    robot = _robot(options.robot)
+    if options.symbolic:
+        print(dh_symbols(robot))
+        return EXIT_PASSED
+    report = dh_report(robot)
+    print(json.dumps(report, indent=2, allow_nan=False) if options.json else dh_text(report))
+    return EXIT_PASSED
+
+
+def _robot(path: Path | None) -> Robot:
+    from kr210_sim.description import load_description
+    from kr210_sim.robot import bundled_robot, find_robot
+
+    return find_robot(load_description(path or bundled_robot()))
 
 
 class _Bar:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -12,8 +12,23 @@ import ik
 from kr210_sim.arrays import Array
 from kr210_sim.description import Description
 from kr210_sim.exceptions import BadInput
+from kr210_sim.resources import resource
 
 TCP_LINK = "tcp"
+
+
+class Chain(NamedTuple):
+    """The six arm joints as `ik.from_chain` takes them, fixed joints folded in.
+
+    Attributes:
+        origins: (6, 4, 4) transform from the joint before, or the base, to each joint.
+        axes: (6, 3) axis of each joint in its own frame.
+        T_last_palm: (4, 4) the palm in the frame of joint 6.
+    """
+
+    origins: Array
+    axes: Array
+    T_last_palm: Array
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -33,7 +48,8 @@ class Robot:
         lower, upper: joint limits [rad].
         velocity: joint velocity limits [rad/s].
         effort: joint effort limits [N m].
-        geometry: the arm as `ik` sees it, base frame to palm frame.
+        chain: the arm's joints, base frame to palm frame.
+        geometry: the arm as `ik` solves it.
         T_palm_tcp: (4, 4), the TCP in the palm frame.
         finger_open, finger_closed: limits of the driven finger joint [m], positive closing.
         finger_velocity: its velocity limit [m/s].
@@ -51,6 +67,7 @@ class Robot:
     upper: Array
     velocity: Array
     effort: Array
+    chain: Chain
     geometry: ik.Arm
     T_palm_tcp: Array
     finger_open: float
@@ -70,6 +87,11 @@ class Robot:
     def forward(self, q: Array) -> Array:
         """Return T_base_tcp (..., 4, 4) at arm configurations q (..., 6) [rad]."""
         return ik.forward(self.geometry, q) @ self.T_palm_tcp
+
+
+def bundled_robot() -> Path:
+    """Return the description of the bundled KR210."""
+    return resource("assets", "kr210", "kr210.urdf.xacro")
 
 
 def find_robot(description: Description) -> Robot:
@@ -112,6 +134,7 @@ def find_robot(description: Description) -> Robot:
             "cylinder, +x along the approach"
         )
     mimic = next(joint for joint in prismatic if joint is not driven[0])
+    folded = _fold(chain)
     right, left = sorted(prismatic, key=lambda joint: float(_origin(joint)[1, 3]))
     return Robot(
         path=description.path,
@@ -125,7 +148,8 @@ def find_robot(description: Description) -> Robot:
         upper=_limits(arm, "upper"),
         velocity=_limits(arm, "velocity"),
         effort=_limits(arm, "effort"),
-        geometry=_geometry(where, chain),
+        chain=folded,
+        geometry=_geometry(where, folded),
         T_palm_tcp=_origin(tcp),
         finger_open=float(driven[0].limit.lower),
         finger_closed=float(driven[0].limit.upper),
@@ -152,8 +176,8 @@ def _limits(joints: list[Any], field: str) -> Array:
     return values
 
 
-def _geometry(where: str, chain: list[Any]) -> ik.Arm:
-    """Fold the fixed joints of the chain into the origins that `ik.from_chain` takes."""
+def _fold(chain: list[Any]) -> Chain:
+    """Fold the fixed joints into the origins of the moving ones."""
     origins, axes = [], []
     pending = np.eye(4)
     for joint in chain:
@@ -163,7 +187,11 @@ def _geometry(where: str, chain: list[Any]) -> ik.Arm:
         origins.append(pending)
         axes.append(np.array(joint.axis, dtype=float))
         pending = np.eye(4)
+    return Chain(np.array(origins), np.array(axes), pending)
+
+
+def _geometry(where: str, chain: Chain) -> ik.Arm:
     try:
-        return ik.from_chain(np.array(origins), np.array(axes), pending)
+        return ik.from_chain(chain.origins, chain.axes, chain.T_last_palm)
     except ValueError as error:
         raise BadInput(f"{where}: the arm has no closed-form IK here: {error}") from error

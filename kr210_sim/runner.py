@@ -24,8 +24,7 @@ from kr210_sim.exceptions import BadInput
 from kr210_sim.mjcf import robot_spec
 from kr210_sim.playback import episode_world
 from kr210_sim.record import CycleRecord, save_record
-from kr210_sim.resources import resource
-from kr210_sim.robot import Robot, find_robot
+from kr210_sim.robot import Robot, bundled_robot, find_robot
 from kr210_sim.scene import Scene, Target, build_scene, find_scene
 from kr210_sim.score import CycleScore, score_cycle
 from kr210_sim.simulation import Simulation
@@ -63,7 +62,7 @@ def load_world(config: RunConfig) -> Scene:
     Raises:
         BadInput: naming the option or file.
     """
-    description = load_description(config.robot or resource("assets", "kr210", "kr210.urdf.xacro"))
+    description = load_description(config.robot or bundled_robot())
     robot = find_robot(description)
     scene = build_scene(find_scene(config.scene), robot, robot_spec(description, robot))
     if config.cell not in ("random", "all") and int(config.cell) > len(scene.cells):
