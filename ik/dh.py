@@ -189,7 +189,7 @@ def dh_from_chain(origins: ArrayLike, axes: ArrayLike, T_tip: ArrayLike | None =
     T_first = frames[0]
     rows = [_row(A, B) for A, B in pairwise(frames)]
     T_last_tip = np.linalg.inv(frames[-1]) @ lines.T_tip
-    rise = float(T_last_tip[2, 3])
+    rise = round(float(T_last_tip[2, 3]), DIGITS)
     T_last_tip[2, 3] = 0.0
     rows.append((0.0, 0.0, rise, 0.0))
     alpha, a, d, theta = np.array(rows).T

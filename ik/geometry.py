@@ -97,13 +97,14 @@ def _wrist_misfits(lines: Axes, tolerance: float) -> list[str]:
     reasons = []
     points_5 = []
     for i in (4, 6):
+        pair = f"axes {min(i, 5)} and {max(i, 5)}"
         if _angle(lines.directions[i - 1], lines.directions[4]) < SLANT:
-            return [f"axes {i} and 5 of the wrist are parallel"]
+            return [f"{pair} of the wrist are parallel"]
         on_i, on_5 = nearest_points(lines, i - 1, 4)
         points_5.append(on_5)
         gap = float(np.linalg.norm(on_i - on_5))
         if gap > tolerance:
-            reasons.append(f"axes {i} and 5 do not meet: they pass {gap:.6g} m apart")
+            reasons.append(f"{pair} do not meet: they pass {gap:.6g} m apart")
     apart = float(np.linalg.norm(points_5[0] - points_5[1]))
     if apart > tolerance:
         reasons.append(f"axes 4 and 6 meet axis 5 {apart:.6g} m apart, not in one point")

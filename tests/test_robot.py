@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import signal
 import xml.etree.ElementTree as ET
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -78,6 +80,11 @@ def tree(description) -> ET.Element:
     return ET.fromstring(description.urdf_text)
 
 
+def build(path: Path) -> None:
+    description = load_description(path)
+    robot_spec(description, find_robot(description))
+
+
 @pytest.fixture
 def refusal(tmp_path):
     """Load a damaged tree as a run does; return the one line it is refused with."""
@@ -86,8 +93,7 @@ def refusal(tmp_path):
         path = tmp_path / "damaged.urdf"
         ET.ElementTree(tree).write(path)
         with pytest.raises(BadInput) as caught:
-            description = load_description(path)
-            robot_spec(description, find_robot(description))
+            build(path)
         message = str(caught.value)
         assert "\n" not in message
         assert "damaged.urdf" in message, message
@@ -235,8 +241,19 @@ def test_two_joints_on_one_child_are_refused(tree, refusal):
 
 
 def test_a_loop_of_links_is_refused(tree, refusal):
+    """In a moment: following it for ever would eat up the memory."""
+
+    def give_up(*_: object) -> None:
+        raise TimeoutError("still following the loop after 2 s")
+
     joint(tree, "fixed_base_joint").find("parent").set("link", "link_6")
-    assert "root" in refusal(tree)
+    before = signal.signal(signal.SIGALRM, give_up)
+    signal.alarm(2)
+    try:
+        assert "loop" in refusal(tree)
+    finally:
+        signal.alarm(0)
+        signal.signal(signal.SIGALRM, before)
 
 
 def test_a_second_root_is_refused(tree, refusal):

@@ -31,8 +31,11 @@ def test_random_poses(full):
         T = CHAIN.forward(q).astype(float)
         found = check(T)
         assert np.array_equal(found.valid, np.repeat(reserve(T) >= 0, 4, axis=1))
-        error = np.abs(wrapped(found.q - q[:, None])).max(axis=-1)
-        assert np.nanmin(error, axis=1).max() < 1e-9
+        error = np.nanmin(np.abs(wrapped(found.q - q[:, None])).max(axis=-1), axis=1)
+        # nearer to a singularity the rounding of the pose alone moves the angles by more
+        regular = ik.singularity_distances(ARM, q).min(axis=1) > 1e-6
+        assert error[regular].max() < 1e-9
+        assert error.max() < 1e-7
 
 
 @pytest.mark.parametrize("full", [False, FULL])

@@ -1,0 +1,40 @@
+"""The package as a whole: what it imports, what it exports."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+
+import ik
+
+IMPORT = """
+import sys
+before = set(sys.modules)
+import ik
+new = {name.partition(".")[0] for name in set(sys.modules) - before}
+print(*sorted(new - {"ik", "numpy"} - sys.stdlib_module_names))
+"""
+
+
+def test_it_imports_numpy_and_nothing_else():
+    where = Path(ik.__file__).parents[1]
+    done = subprocess.run(
+        [sys.executable, "-c", IMPORT], cwd=where, capture_output=True, text=True, check=True
+    )
+    foreign = [name for name in done.stdout.split() if not name.startswith("_")]
+    assert foreign == []
+
+
+def test_every_exported_name_resolves():
+    for name in ik.__all__:
+        assert getattr(ik, name).__doc__ or name == "KR210"
+
+
+def test_it_says_that_it_is_typed():
+    assert (Path(ik.__file__).parent / "py.typed").exists()
+
+
+def test_files_stay_short():
+    for path in Path(ik.__file__).parent.glob("*.py"):
+        assert len(path.read_text().splitlines()) < 400, path.name
