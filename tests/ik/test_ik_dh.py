@@ -78,7 +78,7 @@ def test_derived_tables_move_as_their_chains_do(text):
     chain = parse_urdf(text)
     dh = ik.dh_from_chain(chain.origins, chain.axes)
     q = np.random.default_rng(2).uniform(-3, 3, (100, len(dh.signs)))
-    assert np.abs(dh.forward(q) - chain.forward(q)).max() < 2e-14
+    assert np.abs(dh.forward(q) - chain.forward(q)).max() < 5e-14
 
 
 def test_tables_of_random_chains_move_as_the_chains_do():
