@@ -209,7 +209,8 @@ def _wrists(
     """
     x, y, z = R
     c1, s1 = c1[:, None], s1[:, None]
-    n, m = c1 * x + s1 * y, c1 * y - s1 * x  # Rz(-theta1) R, its rows 0 and 1
+    # Rz(-theta1) R, its rows 0 and 1; + 0.0 makes 0.0 of -0.0, of which atan2 would make pi
+    n, m = c1 * x + s1 * y, c1 * y - s1 * x + 0.0
     k0 = s23 * n[:, None, 0] + c23 * z[0]
     k1 = s23 * n[:, None, 1] + c23 * z[1]
     k2 = s23 * n[:, None, 2] + c23 * z[2]
@@ -219,7 +220,7 @@ def _wrists(
     if not h.all():  # only theta4 + theta6 is given there: take theta4 = 0
         k0[h == 0.0] = -1.0
     q4 = np.arctan2(m0, -k0)
-    q6 = np.arctan2(k0 * m2 - m0 * k2, m0 * k1 - k0 * m1)
+    q6 = np.arctan2(k0 * m2 - m0 * k2 + 0.0, m0 * k1 - k0 * m1)
     q[:, :, 0, 3], q[:, :, 0, 4], q[:, :, 0, 5] = q4, q5, q6
     np.subtract(q4, np.copysign(np.pi, q4), out=q[:, :, 1, 3])
     np.negative(q5, out=q[:, :, 1, 4])

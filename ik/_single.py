@@ -121,7 +121,8 @@ def _shoulder(k: Constants, R: Row, wz: float, c1: float, s1: float, rho: float)
     Au, Av, Su, Sv = A * u, A * v, S * u, S * v
     x0, x1, x2, y0, y1, y2, z0, z1, z2 = R
     n0, n1, n2 = c1 * x0 + s1 * y0, c1 * x1 + s1 * y1, c1 * x2 + s1 * y2
-    m0, m1, m2 = c1 * y0 - s1 * x0, c1 * y1 - s1 * x1, c1 * y2 - s1 * x2
+    # + 0.0 makes 0.0 of -0.0, here and below: atan2 would make pi of it
+    m0, m1, m2 = c1 * y0 - s1 * x0 + 0.0, c1 * y1 - s1 * x1, c1 * y2 - s1 * x2
     q1 = atan2(s1, c1)
     q: list[float] = []
     for x, z, q3 in ((Au - Sv, Av + Su, gamma - bend), (Au + Sv, Av - Su, -gamma - bend)):
@@ -135,9 +136,9 @@ def _shoulder(k: Constants, R: Row, wz: float, c1: float, s1: float, rho: float)
         q5 = atan2(h, c * n0 - s * z0)
         if h == 0.0:  # only theta4 + theta6 is given there: take theta4 = 0
             k0 = -1.0
-        q4, q6 = atan2(m0, -k0), atan2(k0 * m2 - m0 * k2, m0 * k1 - k0 * m1)
-        q += (q1, q2, q3, q4, q5, q6)
-        q += (q1, q2, q3, q4 - copysign(pi, q4), -q5, q6 - copysign(pi, q6))
+        q4, q6 = atan2(m0, -k0), atan2(k0 * m2 - m0 * k2 + 0.0, m0 * k1 - k0 * m1)
+        f4, f6 = q4 - pi if q4 >= 0.0 else q4 + pi, q6 - pi if q6 >= 0.0 else q6 + pi
+        q += (q1, q2, q3, q4, q5, q6, q1, q2, q3, f4, -q5, f6)
     return q
 
 

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import os
+import pickle
+import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -90,11 +93,32 @@ def limits(robot: Robot) -> MotionLimits:
 
 @pytest.fixture(scope="session")
 def default_run(tmp_path_factory: pytest.TempPathFactory) -> Run:
-    """The run of `python run_cycles.py`: ten cycles, seed 0. Everything that can shares it."""
-    out = tmp_path_factory.mktemp("default") / "run"
+    """The run of `python run_cycles.py`: ten cycles, seed 0. Everything that can shares it.
+
+    Of parallel test processes one makes it, and the others wait for it.
+    """
+    root = tmp_path_factory.getbasetemp()
+    folder = (root.parent if "PYTEST_XDIST_WORKER" in os.environ else root) / "default"
+    done, part = folder / "run.pickle", folder / "run.part"
+    try:
+        folder.mkdir()
+    except FileExistsError:
+        while not done.exists():
+            assert not (folder / "failed").exists(), "the default run raised in another process"
+            time.sleep(0.1)
+        made = pickle.loads(done.read_bytes())
+        assert isinstance(made, Run)
+        return made
     scores: list[CycleScore] = []
-    _, summary = run(RunConfig(out=out), on_cycle=scores.append)
-    return Run(out=out, summary=summary, scores=scores)
+    try:
+        _, summary = run(RunConfig(out=folder / "run"), on_cycle=scores.append)
+    except BaseException:
+        (folder / "failed").touch()
+        raise
+    made = Run(out=folder / "run", summary=summary, scores=scores)
+    part.write_bytes(pickle.dumps(made))
+    part.rename(done)
+    return made
 
 
 def standing_target(scene: Scene, cell: int, number: int = 0, mass: float = 1.0) -> Target:

@@ -242,6 +242,8 @@ def test_bad_limits_are_refused(limits):
         (lambda T: T.__setitem__((3, 3), 2.0), "bottom row"),
         (lambda T: T[:3, 0].__iadd__(0.01), "not orthonormal"),
         (lambda T: T[:3, :3].__imul__(0), "not orthonormal"),
+        (lambda T: T[:3, :3].__imul__(1e200), "not orthonormal"),
+        (lambda T: T[:3, :3].__imul__(np.inf), "not finite"),
     ],
 )
 def test_what_is_no_pose_is_refused(change, words):
