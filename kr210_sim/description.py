@@ -16,6 +16,7 @@ import xacro
 import yourdfpy
 
 from kr210_sim.exceptions import BadInput
+from kr210_sim.packages import Packages
 
 _JOINT_TYPES = {"fixed", "revolute", "continuous", "prismatic"}
 
@@ -28,18 +29,21 @@ class Description:
         path: the file that was read.
         urdf_text: the URDF after xacro expansion.
         model: `yourdfpy.URDF`, whose `robot` holds links and joints in file order.
+        packages: resolves the mesh files it names.
     """
 
     path: Path
     urdf_text: str
     model: Any
+    packages: Packages
 
 
-def load_description(path: Path) -> Description:
+def load_description(path: Path, packages: Packages | None = None) -> Description:
     """Read a robot description.
 
     Args:
         path: a `.xacro` file (expanded without ROS) or a `.urdf` file.
+        packages: where its packages are; by default as found from the file.
 
     Raises:
         BadInput: if the file is missing, does not expand or parse, or is not a usable URDF.
@@ -60,7 +64,7 @@ def load_description(path: Path) -> Description:
     except Exception as error:  # yourdfpy lets ValueError, KeyError, TypeError, its own out
         raise BadInput(f"{path}: not a usable URDF ({_one_line(error)}); correct it") from error
     _check(path, model)
-    return Description(path=path, urdf_text=text, model=model)
+    return Description(path=path, urdf_text=text, model=model, packages=packages or Packages(path))
 
 
 def _expand(path: Path) -> str:

@@ -7,9 +7,9 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from kr210_sim.arrays import Array
 from kr210_sim.description import Description
 from kr210_sim.exceptions import BadInput
+from kr210_sim.geometry import ShapeBuilder, split_pose
 from kr210_sim.robot import TCP_LINK, Robot
 
 TIMESTEP = 0.0005
@@ -31,7 +31,6 @@ PAD_MARK = "_pad"
 """Collision elements of a finger whose name contains this are the gripping surfaces."""
 
 _PAD_FRICTION = (1.0, 0.005, 0.0001)
-_STATIC_GEOM = {"contype": 0, "conaffinity": 0, "group": 2}
 
 
 def robot_spec(description: Description, robot: Robot) -> mujoco.MjSpec:
@@ -50,12 +49,12 @@ def robot_spec(description: Description, robot: Robot) -> mujoco.MjSpec:
     spec.modelname = description.model.robot.name or "robot"
     spec.compiler.degree = False
     spec.option.timestep = TIMESTEP
-    materials = _add_materials(spec, description.model.robot)
+    shapes = ShapeBuilder(spec, description.model.robot, description.packages)
     children: dict[str, list[Any]] = {}
     for joint in description.model.robot.joints:
         children.setdefault(joint.parent, []).append(joint)
     links = {link.name: link for link in description.model.robot.links}
-    _add_link(spec.worldbody, links[robot.root], None, links, children, materials)
+    _add_link(spec.worldbody, links[robot.root], None, links, children, shapes)
     for name in (*robot.arm_joints, robot.finger_joint):
         _add_servo(spec, name)
     _couple_fingers(spec, description, robot)
@@ -81,31 +80,18 @@ def _add_home(spec: mujoco.MjSpec, model: mujoco.MjModel, robot: Robot) -> None:
     spec.add_key(name="home", qpos=qpos, ctrl=ctrl)
 
 
-def _add_materials(spec: mujoco.MjSpec, urdf: Any) -> dict[str, str]:
-    """Add the named URDF colours; return material name by URDF material name."""
-    named = {material.name: material for material in urdf.materials if material.color is not None}
-    for link in urdf.links:
-        for visual in link.visuals:
-            material = visual.material
-            if material is not None and material.name and material.color is not None:
-                named.setdefault(material.name, material)
-    for name, material in named.items():
-        spec.add_material(name=name, rgba=material.color.rgba, specular=0.3, shininess=0.4)
-    return {name: name for name in named}
-
-
 def _add_link(
     parent: Any,
     link: Any,
     joint: Any,
     links: dict[str, Any],
     children: dict[str, list[Any]],
-    materials: dict[str, str],
+    shapes: ShapeBuilder,
 ) -> None:
     """Add one link with its geometry and inertial, then its children."""
     body = parent.add_body(name=link.name, gravcomp=1.0)
-    if joint is not None and joint.origin is not None:
-        body.pos, body.quat = _pose(joint.origin)
+    if joint is not None:
+        body.pos, body.quat = split_pose(joint.origin)
     if link.inertial is not None:
         origin = np.eye(4) if link.inertial.origin is None else link.inertial.origin
         rotation = origin[:3, :3]
@@ -124,24 +110,13 @@ def _add_link(
     if joint is not None and joint.type != "fixed":
         _add_joint(body, joint)
     for index, visual in enumerate(link.visuals):
-        name = visual.name or f"{link.name}_visual_{index}"
-        geom = _add_geom(body, name, visual, density=0.0, **_STATIC_GEOM)
-        if visual.material is not None and visual.material.name in materials:
-            geom.material = materials[visual.material.name]
+        shapes.add_visual(body, visual.name or f"{link.name}_visual_{index}", visual)
     for index, collision in enumerate(link.collisions):
-        name = collision.name or f"{link.name}_collision_{index}"
-        _add_geom(body, name, collision, density=0.0, group=3)
+        shapes.add_collision(body, collision.name or f"{link.name}_collision_{index}", collision)
     if link.name == TCP_LINK:
         body.add_site(name="tcp", size=[0.006] * 3, rgba=[0.1, 0.8, 0.3, 1], group=4)
     for child in children.get(link.name, []):
-        _add_link(body, links[child.child], child, links, children, materials)
-
-
-def _pose(T: Array) -> tuple[Array, Array]:
-    """Split a (4, 4) transform into position (3,) and quat_wxyz (4,)."""
-    quat_wxyz = np.empty(4)
-    mujoco.mju_mat2Quat(quat_wxyz, np.ascontiguousarray(T[:3, :3]).ravel())
-    return np.array(T[:3, 3]), quat_wxyz
+        _add_link(body, links[child.child], child, links, children, shapes)
 
 
 def _add_joint(body: Any, joint: Any) -> None:
@@ -161,22 +136,6 @@ def _add_joint(body: Any, joint: Any) -> None:
         actfrcrange=[-effort, effort],
         actgravcomp=True,
     )
-
-
-def _add_geom(body: Any, name: str, element: Any, **options: Any) -> Any:
-    shape = element.geometry
-    types = mujoco.mjtGeom
-    if shape.box is not None:
-        options |= {"type": types.mjGEOM_BOX, "size": np.asarray(shape.box.size) / 2}
-    elif shape.cylinder is not None:
-        size = [shape.cylinder.radius, shape.cylinder.length / 2, 0]
-        options |= {"type": types.mjGEOM_CYLINDER, "size": size}
-    elif shape.sphere is not None:
-        options |= {"type": types.mjGEOM_SPHERE, "size": [shape.sphere.radius, 0, 0]}
-    else:
-        raise BadInput(f"geometry '{name}': use box, cylinder or sphere")
-    position, quat_wxyz = _pose(np.eye(4) if element.origin is None else element.origin)
-    return body.add_geom(name=name, pos=position, quat=quat_wxyz, **options)
 
 
 def _add_servo(spec: mujoco.MjSpec, joint_name: str) -> None:

@@ -205,10 +205,10 @@ def test_a_moving_link_without_mass_is_refused_by_name(tree, refusal):
     assert "mass" in refusal(tree)
 
 
-def test_a_mesh_is_refused_by_its_name(tree, refusal):
+def test_a_missing_mesh_is_refused_by_the_name_of_its_shape(tree, refusal):
     shape = link(tree, "link_3").find("collision")
     shape.remove(shape.find("geometry"))
-    shape.append(ET.fromstring('<geometry><mesh filename="arm.dae"/></geometry>'))
+    shape.append(ET.fromstring('<geometry><mesh filename="arm.stl"/></geometry>'))
     assert shape.get("name") in refusal(tree)
 
 
