@@ -10,7 +10,7 @@ import mujoco
 import numpy as np
 
 from kr210_sim.arrays import Array
-from kr210_sim.exceptions import BadInput
+from kr210_sim.exceptions import BadInput, MissingFile
 from kr210_sim.meshes import MeshPart, convex_pieces, load_mesh
 from kr210_sim.packages import Packages
 
@@ -53,9 +53,35 @@ class ShapeBuilder:
         visual.density = collision.density = 0.0
         self._add_named_materials(urdf)
 
+    def add_link(self, body: Any, link: Any) -> None:
+        """Add all shapes of a link; what is to be seen but missing is drawn by what is touched.
+
+        Raises:
+            BadInput: if a collision mesh is missing, or a shape cannot be read.
+        """
+        touched = [
+            (item.name or f"{link.name}_collision_{index}", item)
+            for index, item in enumerate(link.collisions)
+        ]
+        missing = bool(touched) and not link.visuals
+        if missing:
+            self.notes.append(f"link '{link.name}': no <visual>; it is drawn by its <collision>")
+        for index, item in enumerate(link.visuals):
+            try:
+                self.add_visual(body, item.name or f"{link.name}_visual_{index}", item)
+            except MissingFile as error:
+                if not touched:
+                    raise
+                missing = True
+                self.notes.append(f"{error}; link '{link.name}' is drawn by its <collision>")
+        for name, item in touched if missing else ():
+            self.add_visual(body, f"{name}_drawn", item)
+        for name, item in touched:
+            self.add_collision(body, name, item)
+
     def add_visual(self, body: Any, name: str, element: Any) -> None:
         """Add a <visual>; a mesh of several materials becomes several geoms."""
-        material = element.material
+        material = getattr(element, "material", None)  # a <collision> has none
         named = None
         if material is not None and material.name in self._materials:
             named = material.name
@@ -109,8 +135,7 @@ class ShapeBuilder:
                 self.notes += notes
             stem = re.sub(r"\W+", "_", path.stem)
             self._assets[key] = [
-                (self._add_mesh(f"{stem}_{kind}", part), part.rgba and self._color(part.rgba))
-                for part in parts
+                (self._add_mesh(f"{stem}_{kind}", part), self._color(part.rgba)) for part in parts
             ]
         return self._assets[key]
 
@@ -148,8 +173,10 @@ class ShapeBuilder:
     def _add_material(self, name: str, rgba: Any) -> None:
         self._spec.add_material(name=name, rgba=rgba, specular=0.3, shininess=0.4)
 
-    def _color(self, rgba: Any) -> str:
-        """Return the material of a colour without a name, adding it once."""
+    def _color(self, rgba: Any) -> str | None:
+        """Return the material of a colour without a name, adding it once; None for no colour."""
+        if rgba is None:
+            return None
         key = tuple(round(float(value), 6) for value in rgba)
         if key not in self._colors:
             self._colors[key] = f"color_{len(self._colors)}"

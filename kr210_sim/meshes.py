@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 from dataclasses import dataclass
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -13,9 +14,11 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial import ConvexHull, QhullError
 
 from kr210_sim.arrays import Array
+from kr210_sim.dae import read_dae
 from kr210_sim.exceptions import BadInput
+from kr210_sim.safe_xml import check_xml
 
-FORMATS = (".stl", ".obj")
+FORMATS = (".stl", ".obj", ".dae")
 
 MAX_MESH_BYTES = 40_000_000
 """Largest mesh file that is read; the visual meshes of public arms have some megabytes each."""
@@ -62,14 +65,14 @@ class MeshPart:
     vertices: Array
     faces: Array
     normals: Array | None = None
-    rgba: tuple[float, float, float, float] | None = None
+    rgba: tuple[float, ...] | None = None
 
 
 def load_mesh(path: Path, scale: Any, *, where: str) -> tuple[MeshPart, ...]:
     """Read a mesh file.
 
     Args:
-        path: STL (ASCII or binary) or OBJ.
+        path: STL (ASCII or binary), OBJ or DAE.
         scale: factor (3,) or scalar of the URDF, None for 1.
         where: the element that names it, for messages.
 
@@ -80,30 +83,60 @@ def load_mesh(path: Path, scale: Any, *, where: str) -> tuple[MeshPart, ...]:
         known = ", ".join(FORMATS)
         raise BadInput(f"{where}: mesh '{path.name}' is of an unknown kind; use one of {known}")
     try:
-        size = path.stat().st_size
-        if size > MAX_MESH_BYTES:
+        status = path.stat()
+        if status.st_size > MAX_MESH_BYTES:
             raise BadInput(
-                f"{where}: mesh '{path.name}' has {size / 1e6:.0f} MB; simplify it below "
+                f"{where}: mesh '{path.name}' has {status.st_size / 1e6:.0f} MB; simplify it below "
                 f"{MAX_MESH_BYTES / 1e6:.0f} MB"
             )
-        content = path.read_bytes()
+        parts = _read_file(path, status.st_mtime_ns)
     except OSError as error:
         raise BadInput(
             f"{where}: mesh '{path.name}' cannot be read ({error.strerror}); check the file"
         ) from error
+    except _BadMesh as error:
+        raise BadInput(f"{where}: mesh '{path.name}' {error}; export it again") from error
+    return tuple(_scaled(part, _factor(scale, where)) for part in parts)
+
+
+class _BadMesh(Exception):
+    """What is wrong with the content of a mesh file."""
+
+
+@lru_cache(maxsize=32)
+def _read_file(path: Path, _changed: int) -> tuple[MeshPart, ...]:
+    """Read a file once; `_changed` is its time stamp."""
+    content = path.read_bytes()
     try:
-        parts = _read_triangles(content, path.suffix.lower()[1:])
+        if path.suffix.lower() == ".dae":
+            check_xml(content, "its text")
+            parts = _read_collada(content)
+        else:
+            parts = _read_triangles(content, path.suffix.lower()[1:])
     except Exception as error:  # the readers let all kinds of errors out
         reason = " ".join(str(error).split())[:200] or type(error).__name__
-        raise BadInput(
-            f"{where}: mesh '{path.name}' cannot be read ({reason}); export it again"
-        ) from error
+        raise _BadMesh(f"cannot be read ({reason})") from error
     parts = [part for part in parts if len(part.faces)]
     if not parts:
-        raise BadInput(f"{where}: mesh '{path.name}' holds no triangle; export it again")
+        raise _BadMesh("holds no triangle")
     if not all(np.all(np.isfinite(part.vertices)) for part in parts):
-        raise BadInput(f"{where}: mesh '{path.name}' holds numbers that are not finite; export it")
-    return tuple(_scaled(part, _factor(scale, where)) for part in parts)
+        raise _BadMesh("holds numbers that are not finite")
+    if any(part.faces.min() < 0 or part.faces.max() >= len(part.vertices) for part in parts):
+        raise _BadMesh("names vertices that it does not have")
+    return tuple(parts)
+
+
+def _read_collada(content: bytes) -> list[MeshPart]:
+    """Read a DAE file, pieces of the same colour joined."""
+    by_color: dict[tuple[float, ...] | None, list[MeshPart]] = {}
+    for vertices, faces, rgba in read_dae(content):
+        part = MeshPart(vertices=vertices, faces=faces, rgba=rgba)
+        by_color.setdefault(rgba, []).append(part)
+    joined = []
+    for rgba, parts in by_color.items():
+        vertices, faces = merged(tuple(parts))
+        joined.append(MeshPart(vertices=vertices, faces=faces, rgba=rgba))
+    return joined
 
 
 def _read_triangles(content: bytes, kind: str) -> list[MeshPart]:

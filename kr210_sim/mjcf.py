@@ -10,7 +10,8 @@ import numpy as np
 from kr210_sim.description import Description
 from kr210_sim.exceptions import BadInput
 from kr210_sim.geometry import ShapeBuilder, split_pose
-from kr210_sim.robot import TCP_LINK, Robot
+from kr210_sim.gripper import PAD_MARK
+from kr210_sim.robot import Robot
 
 TIMESTEP = 0.0005
 """Physics step [s]: Euler at 0.5 ms reports actuator forces honestly and keeps the grasp."""
@@ -27,14 +28,17 @@ Geared servo drives of this class bring their own rotor to full speed in about 1
 FINGER_KP = 1e5  # [N/m]
 FINGER_ARMATURE = 10.0  # [kg], spindle and motor seen by the jaw
 
-PAD_MARK = "_pad"
-"""Collision elements of a finger whose name contains this are the gripping surfaces."""
-
 _PAD_FRICTION = (1.0, 0.005, 0.0001)
+_TCP_COLOR = (0.1, 0.8, 0.3, 1.0)
 
 
 def robot_spec(description: Description, robot: Robot) -> mujoco.MjSpec:
-    """Build the MJCF of a robot.
+    """Build the MJCF of a robot; see `build_robot`."""
+    return build_robot(description, robot)[0]
+
+
+def build_robot(description: Description, robot: Robot) -> tuple[mujoco.MjSpec, tuple[str, ...]]:
+    """Build the MJCF of a robot, and list what was approximated or guessed on the way.
 
     The root link is the root body. Visual geometry goes to group 2 without contact, collision
     geometry to group 3. Velocity limits, which MJCF cannot express, are kept in the custom numeric
@@ -55,10 +59,14 @@ def robot_spec(description: Description, robot: Robot) -> mujoco.MjSpec:
         children.setdefault(joint.parent, []).append(joint)
     links = {link.name: link for link in description.model.robot.links}
     _add_link(spec.worldbody, links[robot.root], None, links, children, shapes)
+    position, quat_wxyz = split_pose(robot.T_palm_tcp)
+    spec.body(robot.palm).add_site(
+        name="tcp", pos=position, quat=quat_wxyz, size=[0.006] * 3, rgba=_TCP_COLOR, group=4
+    )
     for name in (*robot.arm_joints, robot.finger_joint):
         _add_servo(spec, name)
-    _couple_fingers(spec, description, robot)
-    _grip_with_pads(spec, robot)
+    _couple_fingers(spec, robot)
+    notes = [*shapes.notes, *_grip_with_pads(spec, robot)]
     spec.add_numeric(name="joint_velocity_limit", size=6, data=list(robot.velocity))
     try:
         _exclude_touching_at_zero(spec)
@@ -68,14 +76,15 @@ def robot_spec(description: Description, robot: Robot) -> mujoco.MjSpec:
         reason = " ".join(str(error).split())
         raise BadInput(f"{description.path}: MuJoCo refuses the model: {reason}") from error
     _add_home(spec, model, robot)
-    return spec
+    return spec, tuple(notes)
 
 
 def _add_home(spec: mujoco.MjSpec, model: mujoco.MjModel, robot: Robot) -> None:
     """Add the keyframe `home`: the zero configuration, gripper open."""
     qpos, ctrl = np.zeros(model.nq), np.zeros(model.nu)
-    for name in (robot.finger_joint, robot.mimic_joint):
-        qpos[model.joint(name).qposadr[0]] = robot.finger_open
+    fingers = (robot.finger_joint, robot.mimic_joint)
+    for name, position in zip(fingers, robot.open_positions, strict=True):
+        qpos[model.joint(name).qposadr[0]] = position
     ctrl[model.actuator(robot.finger_joint).id] = robot.finger_open
     spec.add_key(name="home", qpos=qpos, ctrl=ctrl)
 
@@ -109,12 +118,7 @@ def _add_link(
         ]
     if joint is not None and joint.type != "fixed":
         _add_joint(body, joint)
-    for index, visual in enumerate(link.visuals):
-        shapes.add_visual(body, visual.name or f"{link.name}_visual_{index}", visual)
-    for index, collision in enumerate(link.collisions):
-        shapes.add_collision(body, collision.name or f"{link.name}_collision_{index}", collision)
-    if link.name == TCP_LINK:
-        body.add_site(name="tcp", size=[0.006] * 3, rgba=[0.1, 0.8, 0.3, 1], group=4)
+    shapes.add_link(body, link)
     for child in children.get(link.name, []):
         _add_link(body, links[child.child], child, links, children, shapes)
 
@@ -149,14 +153,10 @@ def _add_servo(spec: mujoco.MjSpec, joint_name: str) -> None:
     )
 
 
-def _couple_fingers(spec: mujoco.MjSpec, description: Description, robot: Robot) -> None:
+def _couple_fingers(spec: mujoco.MjSpec, robot: Robot) -> None:
     """Make the second finger follow the driven one, as the jaws of a parallel gripper do."""
-    mimic = next(
-        joint.mimic for joint in description.model.robot.joints if joint.name == robot.mimic_joint
-    )
     coefficients = np.zeros(mujoco.mjNEQDATA)
-    coefficients[0] = mimic.offset or 0.0
-    coefficients[1] = 1.0 if mimic.multiplier is None else mimic.multiplier
+    coefficients[:2] = robot.mimic_offset, robot.mimic_multiplier
     spec.add_equality(
         name="finger_coupling",
         type=mujoco.mjtEq.mjEQ_JOINT,
@@ -168,20 +168,28 @@ def _couple_fingers(spec: mujoco.MjSpec, description: Description, robot: Robot)
     )
 
 
-def _grip_with_pads(spec: mujoco.MjSpec, robot: Robot) -> None:
+def _grip_with_pads(spec: mujoco.MjSpec, robot: Robot) -> list[str]:
     """Give the pads their contact: stiff (what holds a target is solref = 2 dt), friction 1."""
+    notes = []
     for finger in robot.fingers:
-        pads = [geom for geom in spec.body(finger).geoms if PAD_MARK in geom.name]
-        if not pads:
+        touching = [geom for geom in spec.body(finger).find_all("geom") if geom.group == 3]
+        pads = [geom for geom in touching if PAD_MARK in geom.name]
+        if not touching:
             raise BadInput(
-                f"{robot.path}: link '{finger}' has no gripping surface; name a <collision> of it "
-                f"'...{PAD_MARK}'"
+                f"{robot.path}: link '{finger}' has no gripping surface; give it a <collision>, "
+                f"named '...{PAD_MARK}' where it grips"
+            )
+        if not pads:
+            pads = touching
+            notes.append(
+                f"link '{finger}': no <collision> named '...{PAD_MARK}'; all of the finger grips"
             )
         for pad in pads:
             pad.priority = 1
             pad.condim = 4
             pad.friction = _PAD_FRICTION
             pad.solref = [2 * TIMESTEP, 1.0]
+    return notes
 
 
 def _exclude_touching_at_zero(spec: mujoco.MjSpec) -> None:
@@ -220,9 +228,8 @@ def _tune(spec: mujoco.MjSpec, robot: Robot) -> None:
         _set_gains(spec, name, kp, kv, (robot.lower[index] - lead, robot.upper[index] + lead))
     # The jaw's own mass is small beside its armature, so critical damping follows from that.
     kv = 2 * np.sqrt(FINGER_KP * 2 * FINGER_ARMATURE)
-    actuator = _set_gains(
-        spec, robot.finger_joint, FINGER_KP, kv, (robot.finger_open, robot.finger_closed)
-    )
+    narrow, wide = sorted((robot.finger_open, robot.finger_closed))
+    actuator = _set_gains(spec, robot.finger_joint, FINGER_KP, kv, (narrow, wide))
     actuator.forcelimited = True
     actuator.forcerange = [-robot.grip_force, robot.grip_force]
 

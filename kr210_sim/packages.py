@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from urllib.parse import unquote, urlparse
 
-from kr210_sim.exceptions import BadInput
+from kr210_sim.exceptions import BadInput, MissingFile
 
 _NAME = re.compile(rb"<name>\s*([\w.-]+)\s*</name>")
 _HEAD = 65536  # [bytes] of a package.xml that are searched for its name
@@ -29,6 +29,9 @@ class Packages:
         named: folders by package name, from `--package`.
         search: folders of packages; `ROS_PACKAGE_PATH` by default.
 
+    Attributes:
+        robot_file, named, search: as given, absolute.
+
     Raises:
         BadInput: if a named folder does not exist.
     """
@@ -40,14 +43,14 @@ class Packages:
         search: tuple[Path, ...] | None = None,
     ) -> None:
         self.robot_file = Path(os.path.abspath(robot_file))
-        self._named = {name: Path(os.path.abspath(path)) for name, path in (named or {}).items()}
-        for name, folder in self._named.items():
+        self.named = {name: Path(os.path.abspath(path)) for name, path in (named or {}).items()}
+        for name, folder in self.named.items():
             if not folder.is_dir():
                 raise BadInput(f"--package: {name}={folder} is no folder; give one that exists")
         if search is None:
             listed = os.environ.get("ROS_PACKAGE_PATH", "").split(os.pathsep)
             search = tuple(Path(os.path.abspath(entry)) for entry in listed if entry)
-        self._search = search
+        self.search = search
         self._found: dict[str, Path] = {}
 
     @property
@@ -66,7 +69,7 @@ class Packages:
             BadInput: if there is none, with how to name one.
         """
         if name not in self._found:
-            folder = self._named.get(name) or self._in_search_path(name) or self._above(name)
+            folder = self.named.get(name) or self._in_search_path(name) or self._above(name)
             if folder is None:
                 raise BadInput(
                     f"{self.robot_file.name}: package '{name}' is not found; give its folder by "
@@ -76,7 +79,7 @@ class Packages:
         return self._found[name]
 
     def _in_search_path(self, name: str) -> Path | None:
-        for entry in self._search:
+        for entry in self.search:
             for folder in (entry, entry / name, entry / "share" / name):
                 if _package_name(folder) == name:
                     return folder
@@ -130,7 +133,7 @@ class Packages:
         Raises:
             BadInput: otherwise.
         """
-        allowed = roots or (self.home, *self._named.values(), *self._search, *self._found.values())
+        allowed = roots or (self.home, *self.named.values(), *self.search, *self._found.values())
         plain = Path(os.path.normpath(self.robot_file.parent / path))
         try:
             real = plain.resolve()
@@ -144,7 +147,7 @@ class Packages:
                 "give its folder by --package NAME=DIR"
             )
         if not exists:
-            raise BadInput(f"{where}: no file '{filename}' ({plain}); correct the name")
+            raise MissingFile(f"{where}: no file '{filename}' ({plain}); correct the name")
         return plain
 
 
