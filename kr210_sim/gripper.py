@@ -1,4 +1,4 @@
-"""The two fingers of a description: which joints they are, which way they close, where they hold."""
+"""The two fingers of a description: which joints they are, how they close, where they hold."""
 
 from __future__ import annotations
 
@@ -194,6 +194,7 @@ def _named_tcp(where: str, robot: Any, palm: str) -> Array | None:
         for link in robot.links
         if link.name == TCP_NAME or link.name.endswith((f"_{TCP_NAME}", f"/{TCP_NAME}"))
     ]
+    names.sort(key=lambda name: all(joint.child != palm for joint in chain_to(name, robot.joints)))
     rigid = {name: _rigid_root(name, robot.joints) for name in [*names, palm]}
     T_root_palm = rigid[palm][1]
     for name in names:
@@ -241,9 +242,8 @@ def _between_fingers(robot: Any, gripper: Gripper, x: Array, packages: Packages)
         named = any(PAD_MARK in (element.name or "") for element in grips)
         along = points @ x
         front = points if named else points[along >= (along.min() + along.max()) / 2 - 1e-9]
-        ahead = (
-            (along.min() + along.max()) / 2 if named else along.max() * 0.75 + along.min() * 0.25
-        )
         centre = (front.min(axis=0) + front.max(axis=0)) / 2
+        share = 0.5 if named else 0.75
+        ahead = along.min() + share * np.ptp(along)
         centres.append(centre + x * (ahead - centre @ x))
     return np.asarray((centres[0] + centres[1]) / 2)

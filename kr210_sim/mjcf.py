@@ -8,9 +8,10 @@ import mujoco
 import numpy as np
 
 from kr210_sim.description import Description
+from kr210_sim.effort import ROTOR_ACCELERATION
 from kr210_sim.exceptions import BadInput
 from kr210_sim.geometry import ShapeBuilder, split_pose
-from kr210_sim.gripper import PAD_MARK
+from kr210_sim.gripper import PAD_MARK, joint_axis
 from kr210_sim.robot import Robot
 
 TIMESTEP = 0.0005
@@ -18,12 +19,6 @@ TIMESTEP = 0.0005
 
 SERVO_BANDWIDTH = 200.0
 """Natural frequency w of the joint servos [rad/s]; kp = M w^2, kv = 2 M w (critical damping)."""
-
-ROTOR_ACCELERATION = 180.0
-"""Effort limit over reflected rotor inertia [rad/s^2], from which the armature follows.
-
-Geared servo drives of this class bring their own rotor to full speed in about 10 to 20 ms.
-"""
 
 FINGER_KP = 1e5  # [N/m]
 FINGER_ARMATURE = 10.0  # [kg], spindle and motor seen by the jaw
@@ -58,7 +53,11 @@ def build_robot(description: Description, robot: Robot) -> tuple[mujoco.MjSpec, 
     for joint in description.model.robot.joints:
         children.setdefault(joint.parent, []).append(joint)
     links = {link.name: link for link in description.model.robot.links}
+    efforts = dict(zip(robot.arm_joints, robot.effort.tolist(), strict=True))
+    efforts |= dict.fromkeys((robot.finger_joint, robot.mimic_joint), robot.grip_force)
     _add_link(spec.worldbody, links[robot.root], None, links, children, shapes)
+    for name, effort in efforts.items():
+        _limit_effort(spec.joint(name), effort)
     position, quat_wxyz = split_pose(robot.T_palm_tcp)
     spec.body(robot.palm).add_site(
         name="tcp", pos=position, quat=quat_wxyz, size=[0.006] * 3, rgba=_TCP_COLOR, group=4
@@ -125,21 +124,25 @@ def _add_link(
 
 def _add_joint(body: Any, joint: Any) -> None:
     slide = joint.type == "prismatic"
-    limited = joint.type != "continuous"
-    effort = float(joint.limit.effort)
     body.add_joint(
         name=joint.name,
         type=mujoco.mjtJoint.mjJNT_SLIDE if slide else mujoco.mjtJoint.mjJNT_HINGE,
-        axis=joint.axis,
-        limited=limited,
-        range=[joint.limit.lower, joint.limit.upper] if limited else [0.0, 0.0],
+        axis=joint_axis(joint),
+        limited=True,
+        range=[joint.limit.lower, joint.limit.upper],
         damping=0.0 if joint.dynamics is None else float(joint.dynamics.damping or 0.0),
         frictionloss=0.0 if joint.dynamics is None else float(joint.dynamics.friction or 0.0),
-        armature=FINGER_ARMATURE if slide else effort / ROTOR_ACCELERATION,
-        actfrclimited=True,
-        actfrcrange=[-effort, effort],
+        armature=FINGER_ARMATURE,
         actgravcomp=True,
     )
+
+
+def _limit_effort(joint: Any, effort: float) -> None:
+    """Limit the force of a joint; a turning one gets the rotor that goes with that limit."""
+    joint.actfrclimited = True
+    joint.actfrcrange = [-effort, effort]
+    if joint.type == mujoco.mjtJoint.mjJNT_HINGE:
+        joint.armature = effort / ROTOR_ACCELERATION
 
 
 def _add_servo(spec: mujoco.MjSpec, joint_name: str) -> None:

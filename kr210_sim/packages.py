@@ -62,6 +62,10 @@ class Packages:
         folder = self.robot_file.parent
         return folder if folder.parent == folder.parent.parent else folder.parent
 
+    def allow(self, folder: Path) -> None:
+        """Let files come from one more folder."""
+        self._found[str(folder)] = folder
+
     def find(self, name: str) -> Path:
         """Return the folder of a package.
 

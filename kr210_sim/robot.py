@@ -15,6 +15,9 @@ from kr210_sim.exceptions import BadInput
 from kr210_sim.gripper import chain_to, coupling, find_gripper, find_tcp, joint_axis, joint_origin
 from kr210_sim.resources import resource
 
+ACCELERATION_TIME = 0.25
+"""Time in which planned motions go from rest to the velocity limit [s]."""
+
 MAX_GRIP = 500.0
 """Largest grip force [N], and what a gripper without a figure is given."""
 
