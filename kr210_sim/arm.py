@@ -1,4 +1,4 @@
-"""Description -> description of one arm and its gripper: what else moves is frozen, ours mounted."""
+"""Description -> that of one arm with one gripper: what else moves is frozen, ours mounted."""
 
 from __future__ import annotations
 
@@ -131,9 +131,7 @@ def _drop_below(robot: Any, tip: str, notes: list[str]) -> None:
     moving = {joint.child for joint in robot.joints if joint.type != "fixed"}
     shaped = {link.name for link in robot.links if link.collisions or link.visuals}
     if dropped & (moving | shaped):
-        notes.append(
-            f"gripper: {len(dropped)} links on '{tip}' are left out, ours takes their place"
-        )
+        notes.append(f"gripper: the {len(dropped)} links on '{tip}' give way to ours")
     _remove(robot, dropped)
 
 

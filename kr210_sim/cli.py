@@ -142,7 +142,7 @@ def _run(options: argparse.Namespace) -> int:
 
         print("\n".join(list_scenes()))
         return EXIT_PASSED
-    values = {name: getattr(options, name) for name in RunConfig.metadata()}
+    values: dict[str, Any] = {name: getattr(options, name) for name in RunConfig.metadata()}
     config = RunConfig(
         **{name: tuple(v) if isinstance(v, list) else v for name, v in values.items()}
     )
@@ -166,7 +166,8 @@ def _run(options: argparse.Namespace) -> int:
         out, summary = run(config, on_cycle=report)
     finally:
         bar.clear()
-    print(f"\n{summary_text(summary)}", file=text)
+    print(f"\n{summary_text(summary)}", file=text, flush=True)
+    _warn(summary["notes"])
     print(f"results        {out}", file=text, flush=True)
     if film is not None:
         target = Path(config.video or out / "film.mp4")

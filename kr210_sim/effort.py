@@ -1,4 +1,4 @@
-"""Effort limits that cannot hold the arm up -> ones that can carry and move it, by a stated rule."""
+"""Effort limits that cannot hold the arm up -> ones that can carry and move it, by rule."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 import ik
 from kr210_sim.arrays import Array
 from kr210_sim.description import Description, load_description
-from kr210_sim.dynamics import arm_load
+from kr210_sim.dynamics import GRAVITY, arm_load
 from kr210_sim.robot import ACCELERATION_TIME, Robot, bundled_robot, find_robot
 
 ROTOR_ACCELERATION = 180.0
@@ -20,6 +20,9 @@ Geared servo drives of this class bring their own rotor to full speed in about 1
 
 PAYLOAD = 10.0
 """Load in the hand that replaced limits can carry and move [kg]."""
+
+OFF_AXIS = 0.1
+"""The load's distance from the TCP, so that a joint through the TCP carries something [m]."""
 
 RESERVE = 1.5
 """Factor on the torque of one joint moving alone: the others move, too."""
@@ -38,9 +41,9 @@ def rate_efforts(description: Description, robot: Robot) -> Robot:
 
         effort = 1.5 (G + M v / 0.25 s) / (1 - 1.5 v / (0.25 s x 180 rad/s^2))
 
-    with G and M the largest gravity torque and reflected inertia with 10 kg in the hand, and v the
-    velocity limit: the acceleration of the planned motions, the rotors' share included. A limit of
-    the description that is higher stays.
+    with G and M the largest gravity torque and reflected inertia with 10 kg in the hand, as if it
+    were 0.1 m further out, and v the velocity limit: the acceleration of the planned motions, the
+    rotors' share included. A limit of the description that is higher stays.
 
     Returns:
         The robot, with a note if limits were replaced.
@@ -71,7 +74,9 @@ def _able(description: Description, robot: Robot, q: Array) -> Array:
     """Return effort limits (6,) by the rule of `rate_efforts`, to two digits upwards."""
     loaded = arm_load(description.model, robot, q, load=PAYLOAD)
     acceleration = robot.velocity / ACCELERATION_TIME
-    alone = np.max(np.abs(loaded.gravity), axis=0) + np.max(loaded.inertia, axis=0) * acceleration
+    gravity = np.max(np.abs(loaded.gravity), axis=0) + PAYLOAD * GRAVITY * OFF_AXIS
+    inertia = np.max(loaded.inertia, axis=0) + PAYLOAD * OFF_AXIS**2
+    alone = gravity + inertia * acceleration
     share = np.minimum(RESERVE * acceleration / ROTOR_ACCELERATION, 0.5)
     torque = RESERVE * alone / (1 - share)
     step = 10.0 ** np.floor(np.log10(torque) - 1)
