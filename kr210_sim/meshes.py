@@ -225,6 +225,18 @@ def convex_pieces(
     return tuple(pieces), tuple(dict.fromkeys(notes))
 
 
+def is_convex(parts: tuple[MeshPart, ...]) -> bool:
+    """Tell whether `convex_pieces` keeps a mesh as it is, apart from filling shallow dents."""
+    bodies = _bodies(*merged(parts))
+    if len(bodies) > MAX_PIECES:
+        bodies = [merged(parts)]
+    hulls = [_hull(points) for points, _ in bodies]
+    return all(
+        hull is not None and _is_convex(points, faces, hull)
+        for (points, faces), hull in zip(bodies, hulls, strict=True)
+    )
+
+
 def merged(parts: tuple[MeshPart, ...]) -> tuple[Array, Array]:
     """Join parts into one mesh, equal vertices made one; return vertices (n, 3), faces (m, 3)."""
     counts = np.cumsum([0] + [len(part.vertices) for part in parts])

@@ -88,9 +88,11 @@ class Robot:
     @property
     def open_positions(self) -> Array:
         """Positions (2,) of the driven and the following finger joint, gripper open [m]."""
-        return np.array(
-            [self.finger_open, self.mimic_multiplier * self.finger_open + self.mimic_offset]
-        )
+        return self.finger_positions(self.finger_open)
+
+    def finger_positions(self, driven: float) -> Array:
+        """Return the positions (2,) of both finger joints [m] from that of the driven one."""
+        return np.array([driven, self.mimic_multiplier * driven + self.mimic_offset])
 
     @property
     def max_payload(self) -> float:

@@ -21,6 +21,7 @@ from kr210_sim.config import EPISODE_CYCLES, RunConfig
 from kr210_sim.cycle import CycleSetup, Probe, run_cycle
 from kr210_sim.exceptions import BadInput
 from kr210_sim.loading import load_robot
+from kr210_sim.mjcf_files import save_model
 from kr210_sim.playback import episode_world
 from kr210_sim.record import CycleRecord, save_record
 from kr210_sim.robot import Robot
@@ -249,7 +250,7 @@ def _write_episode(
     folder = out / "episodes" / f"{episode.index:04d}"
     folder.mkdir(parents=True, exist_ok=True)
     world = episode_world(scene, [target for target, _ in finished], records)
-    (folder / "scene.xml").write_text(world, encoding="utf-8")
+    save_model(world, folder / "scene.xml")
     for record in records:
         save_record(record, out / "cycles" / f"{record.cycle:04d}.npz")
     with (out / "cycles.jsonl").open("a", encoding="utf-8") as file:
