@@ -143,7 +143,7 @@ def _read_triangles(content: bytes, kind: str) -> list[MeshPart]:
     import trimesh
 
     loaded = trimesh.load(
-        io.BytesIO(content), file_type=kind, process=False, maintain_order=True, force="scene"
+        io.BytesIO(content), file_type=kind, process=False, force="scene"
     )
     parts = []
     for mesh in loaded.geometry.values():
