@@ -47,6 +47,7 @@ def check_tree(where: str, robot: ET.Element) -> None:
         listed = ", ".join(f"'{root}'" for root in roots[:4])
         raise BadInput(f"{where}: links {listed} have no parent; join them to one tree")
     _check_mimics(where, joints)
+    _check_shapes(where, robot.findall("link"))
 
 
 def _names(where: str, elements: Iterable[ET.Element]) -> dict[str, None]:
@@ -80,3 +81,15 @@ def _check_mimics(where: str, joints: list[ET.Element]) -> None:
                 f"{where}: joint '{joint.get('name')}': <mimic> of '{mimic.get('joint')}', which "
                 "is no other joint; correct the name"
             )
+
+
+def _check_shapes(where: str, links: Iterable[ET.Element]) -> None:
+    for link in links:
+        for kind in ("visual", "collision"):
+            for shape in link.findall(kind):
+                geometry = shape.find("geometry")
+                if geometry is None or len(geometry) == 0:
+                    raise BadInput(
+                        f"{where}: link '{link.get('name')}': a <{kind}> has no geometry; give it "
+                        "a shape or remove it"
+                    )

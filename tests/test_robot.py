@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 import signal
 import xml.etree.ElementTree as ET
 from pathlib import Path
@@ -13,6 +14,7 @@ import ik
 from kr210_sim.description import load_description
 from kr210_sim.exceptions import BadInput
 from kr210_sim.mjcf import build_robot, robot_spec
+from kr210_sim.resources import resource
 from kr210_sim.robot import find_robot
 
 
@@ -85,12 +87,21 @@ def build(path: Path) -> None:
     robot_spec(description, find_robot(description))
 
 
+@pytest.fixture(scope="session")
+def robot_folder(tmp_path_factory) -> Path:
+    """A folder with the meshes of the bundled robot where its URDF looks for them."""
+    folder = tmp_path_factory.mktemp("robot")
+    for name in ("kr210", "gripper"):
+        shutil.copytree(resource("assets", name, "meshes"), folder / name / "meshes")
+    return folder / "kr210"
+
+
 @pytest.fixture
-def refusal(tmp_path):
+def refusal(robot_folder):
     """Load a damaged tree as a run does; return the one line it is refused with."""
 
     def load(tree: ET.Element) -> str:
-        path = tmp_path / "damaged.urdf"
+        path = robot_folder / "damaged.urdf"
         ET.ElementTree(tree).write(path)
         with pytest.raises(BadInput) as caught:
             build(path)
@@ -196,12 +207,12 @@ def test_an_axis_of_no_direction_is_refused(tree, refusal):
     assert "axis" in refusal(tree)
 
 
-def test_fingers_without_pads_grip_with_all_they_have_and_say_so(tree, tmp_path):
+def test_fingers_without_pads_grip_with_all_they_have_and_say_so(tree, robot_folder):
     finger = link(tree, "right_gripper_finger_link")
     for element in finger.findall("collision"):
         if "_pad" in element.get("name"):
             finger.remove(element)
-    path = tmp_path / "no_pads.urdf"
+    path = robot_folder / "no_pads.urdf"
     ET.ElementTree(tree).write(path)
     description = load_description(path)
     _, notes = build_robot(description, find_robot(description))
