@@ -15,10 +15,23 @@ from typing import TYPE_CHECKING, Any, NoReturn
 from kr210_sim import __version__
 from kr210_sim.config import RunConfig
 from kr210_sim.exceptions import BadInput
+from kr210_sim.source import RobotSource
 
 if TYPE_CHECKING:
     from kr210_sim.robot import Robot
     from kr210_sim.score import CycleScore
+
+ROBOT_OPTIONS = (
+    "robot",
+    "package",
+    "xacro_arg",
+    "gripper",
+    "base",
+    "tip",
+    "joints",
+    "fingers",
+)
+"""The options that say what the robot is, common to all verbs that read one."""
 
 EXIT_PASSED, EXIT_GATE, EXIT_BAD_INPUT, EXIT_INTERNAL, EXIT_INTERRUPTED = 0, 1, 2, 3, 130
 
@@ -61,6 +74,7 @@ def _parser() -> argparse.ArgumentParser:
     _add_run(verbs)
     _add_ik(verbs)
     _add_dh(verbs)
+    _add_convert(verbs)
     return parser
 
 
@@ -78,13 +92,14 @@ def _add_run(verbs: Any) -> None:
         "mass": float,
         "speed": float,
         "min_success": float,
-        "robot": Path,
         "out": Path,
     }
     for name, (default, metadata) in RunConfig.metadata().items():
         option = "--" + name.replace("_", "-")
         text = metadata["help"]
-        if name == "json":
+        if name in ROBOT_OPTIONS:
+            _add_robot_option(parser, name)
+        elif name == "json":
             parser.add_argument(option, action="store_true", help=text)
         elif name == "video":
             parser.add_argument(option, nargs="?", const="", metavar=metadata["metavar"], help=text)
@@ -103,13 +118,34 @@ def _add_run(verbs: Any) -> None:
     parser.set_defaults(verb=_run)
 
 
+def _add_robot_option(parser: argparse.ArgumentParser, name: str) -> None:
+    """Add one of ROBOT_OPTIONS, as RunConfig describes it."""
+    default, metadata = RunConfig.metadata()[name]
+    option, text = "--" + name.replace("_", "-"), metadata["help"]
+    if isinstance(default, bool):
+        parser.add_argument(option, action="store_true", help=text)
+    elif isinstance(default, tuple):
+        parser.add_argument(
+            option, action="append", default=[], metavar=metadata["metavar"], help=text
+        )
+    else:
+        kind = Path if name == "robot" else str
+        parser.add_argument(option, type=kind, metavar=metadata["metavar"], help=text)
+
+
+def _source(options: argparse.Namespace) -> RobotSource:
+    return RobotSource.from_options(**{name: getattr(options, name) for name in ROBOT_OPTIONS})
+
+
 def _run(options: argparse.Namespace) -> int:
     if options.list_scenes:
         from kr210_sim.scene import list_scenes
 
         print("\n".join(list_scenes()))
         return EXIT_PASSED
-    config = RunConfig(**{name: getattr(options, name) for name in RunConfig.metadata()})
+    values: dict[str, Any] = {name: getattr(options, name) for name in RunConfig.metadata()}
+    lists = {name: tuple(value) for name, value in values.items() if isinstance(value, list)}
+    config = RunConfig(**(values | lists))
     film = _film(config)
     from kr210_sim.runner import run
     from kr210_sim.summary import HEADER, cycle_line, summary_text
@@ -130,7 +166,8 @@ def _run(options: argparse.Namespace) -> int:
         out, summary = run(config, on_cycle=report)
     finally:
         bar.clear()
-    print(f"\n{summary_text(summary)}", file=text)
+    print(f"\n{summary_text(summary)}", file=text, flush=True)
+    _warn(summary["notes"])
     print(f"results        {out}", file=text, flush=True)
     if film is not None:
         target = Path(config.video or out / "film.mp4")
@@ -173,7 +210,8 @@ def _add_ik(verbs: Any) -> None:
         "--rpy", nargs=3, type=float, metavar=("R", "P", "Y"), help="about fixed x, y, z [rad]"
     )
     parser.add_argument("--pose", metavar="JSON", help="T_base_palm as a 4 x 4 list, or a file")
-    parser.add_argument("--robot", type=Path, metavar="PATH", help="default: the bundled KR210")
+    for name in ROBOT_OPTIONS:
+        _add_robot_option(parser, name)
     parser.add_argument("--json", action="store_true", help="print JSON")
     parser.set_defaults(verb=_ik)
 
@@ -187,7 +225,7 @@ def _ik(options: argparse.Namespace) -> int:
         rpy=options.rpy,
         pose=options.pose,
     )
-    report = solve_report(_robot(options.robot), T_base_palm)
+    report = solve_report(_robot(options), T_base_palm)
     print(json.dumps(report, indent=2, allow_nan=False) if options.json else solve_text(report))
     return EXIT_PASSED
 
@@ -201,6 +239,8 @@ def _add_dh(verbs: Any) -> None:
         allow_abbrev=False,
     )
     parser.add_argument("robot", nargs="?", type=Path, help="default: the bundled KR210")
+    for name in ROBOT_OPTIONS[1:]:
+        _add_robot_option(parser, name)
     parser.add_argument("--symbolic", action="store_true", help="transforms as formulas (sympy)")
     parser.add_argument("--json", action="store_true", help="print JSON")
     parser.set_defaults(verb=_dh)
@@ -209,7 +249,7 @@ def _add_dh(verbs: Any) -> None:
 def _dh(options: argparse.Namespace) -> int:
     from kr210_sim.kinematics import dh_report, dh_symbols, dh_text
 
-    robot = _robot(options.robot)
+    robot = _robot(options)
     if options.symbolic:
         print(dh_symbols(robot))
         return EXIT_PASSED
@@ -218,11 +258,46 @@ def _dh(options: argparse.Namespace) -> int:
     return EXIT_PASSED
 
 
-def _robot(path: Path | None) -> Robot:
-    from kr210_sim.description import load_description
-    from kr210_sim.robot import bundled_robot, find_robot
+def _add_convert(verbs: Any) -> None:
+    parser = verbs.add_parser(
+        "convert",
+        help="write a robot as a folder of MJCF",
+        description="Write a robot, or a scene with it, as a self-contained folder of MJCF, and "
+        "report everything that was changed or guessed. Exit status: 0 written (and parity holds, "
+        "with --check), 1 parity fails, 2 bad input.",
+        allow_abbrev=False,
+    )
+    parser.add_argument("robot", type=Path, metavar="ROBOT", help="a .xacro or .urdf")
+    parser.add_argument("-o", "--out", type=Path, required=True, metavar="DIR", help="new folder")
+    parser.add_argument("--scene", metavar="NAME|PATH", help="write the scene with the robot, too")
+    parser.add_argument(
+        "--check", action="store_true", help="compare every link with the description"
+    )
+    for name in ROBOT_OPTIONS[1:]:
+        _add_robot_option(parser, name)
+    parser.set_defaults(verb=_convert)
 
-    return find_robot(load_description(path or bundled_robot()))
+
+def _convert(options: argparse.Namespace) -> int:
+    from kr210_sim.convert import conversion_text, convert
+
+    done = convert(_source(options), options.out, scene=options.scene, check=options.check)
+    print(conversion_text(done))
+    return EXIT_PASSED if done.passed else EXIT_GATE
+
+
+def _robot(options: argparse.Namespace) -> Robot:
+    """Read the robot of an option; what was changed or guessed on the way goes to stderr."""
+    from kr210_sim.loading import read_robot
+
+    description, robot = read_robot(_source(options))
+    _warn((*description.notes, *robot.notes))
+    return robot
+
+
+def _warn(notes: Sequence[str]) -> None:
+    for note in notes:
+        print(f"kr210-sim: note: {note}", file=sys.stderr)
 
 
 class _Bar:

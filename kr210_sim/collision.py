@@ -37,7 +37,7 @@ class MujocoOracle:
         self._model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_MULTICCD
         self._arm = simulation.addresses.arm
         self._fingers = simulation.addresses.fingers
-        self._open = robot.finger_open
+        self._open = robot.open_positions
         self._target = int(self._model.joint(target.name).qposadr[0])
         self._T_base_target = target.T_base_target
         # The pick options all put the TCP on the target's centre, z along its axis.
@@ -50,11 +50,11 @@ class MujocoOracle:
         """Return what each geom is, for the pair rules of `_worst`."""
         model = self._model
         kind = np.full(model.ngeom, _FIXTURE)
-        fingers = {simulation.body_id(name) for name in scene.robot.fingers}
+        fingers = [simulation.body_id(name) for name in scene.robot.fingers]
         root = simulation.body_id(scene.robot.root)
         for geom in range(model.ngeom):
             body = int(model.geom_bodyid[geom])
-            if body in fingers:
+            if any(_descends(model, body, finger) for finger in fingers):
                 kind[geom] = _FINGER
             elif _descends(model, body, root):
                 kind[geom] = _ROBOT

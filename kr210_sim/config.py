@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from kr210_sim.exceptions import BadInput
+from kr210_sim.source import RobotSource
 
 MAX_CYCLES = 1_000_000
 MIN_MASS = 1e-6
@@ -34,6 +35,15 @@ class RunConfig:
     seed: int = _option(0, "seed of the run; every cycle derives its own from it", "S")
     scene: str = _option("shelf_and_bin", "bundled scene or path of an MJCF world", "NAME|PATH")
     robot: Path | None = _option(None, "a .xacro or .urdf; default: the bundled KR210", "PATH")
+    package: tuple[str, ...] = _option(
+        (), "folder of a package that the robot names; repeatable", "NAME=DIR"
+    )
+    xacro_arg: tuple[str, ...] = _option((), "value of a <xacro:arg>; repeatable", "NAME=VALUE")
+    gripper: bool = _option(False, "mount the bundled gripper in the place of the robot's own")
+    base: str | None = _option(None, "link that stands at robot_base; default: the root", "LINK")
+    tip: str | None = _option(None, "link on which the bundled gripper is mounted", "LINK")
+    joints: str | None = _option(None, "the six arm joints, separated by commas", "A,B,C,D,E,F")
+    fingers: str | None = _option(None, "the two finger joints or links", "A,B")
     cell: str = _option(
         "random",
         "cell of the target: a number, 'random' (drawn for every cycle) or 'all' (a target in "
@@ -64,10 +74,28 @@ class RunConfig:
             raise BadInput(f"--mass: {self.mass} is impossible; give {MIN_MASS:g} kg or more")
         if not (math.isfinite(self.speed) and 0 < self.speed <= 1):
             raise BadInput(f"--speed: {self.speed} is out of range; give 0 < F <= 1")
+        self.robot_source()
         if self.ik not in SOLVERS:
             raise BadInput(f"--ik: no solver '{self.ik}'; give one of {', '.join(SOLVERS)}")
         if not 0 <= self.min_success <= 1:
             raise BadInput(f"--min-success: {self.min_success} is no rate; give 0 <= F <= 1")
+
+    def robot_source(self) -> RobotSource:
+        """Return where the robot comes from.
+
+        Raises:
+            BadInput: if an option is not of the form it must have.
+        """
+        return RobotSource.from_options(
+            robot=self.robot,
+            package=self.package,
+            xacro_arg=self.xacro_arg,
+            gripper=self.gripper,
+            base=self.base,
+            tip=self.tip,
+            joints=self.joints,
+            fingers=self.fingers,
+        )
 
     def as_json(self) -> dict[str, Any]:
         """Return the options as plain JSON values."""

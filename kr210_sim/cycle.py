@@ -155,7 +155,7 @@ class _Cycle:
         )
 
     def fingers_open(self) -> bool:
-        opening = self.scene.robot.finger_open
+        opening = self.scene.robot.open_positions
         return bool(np.max(np.abs(self.monitor.finger_position - opening)) < FINGERS_OPEN)
 
     def home_distance(self) -> float:

@@ -4,18 +4,22 @@ from __future__ import annotations
 
 import io
 import math
+import warnings
 import xml.etree.ElementTree as ET
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
-from xml.dom import DOMException
-from xml.parsers.expat import ExpatError
 
 import numpy as np
-import xacro
 import yourdfpy
 
 from kr210_sim.exceptions import BadInput
+from kr210_sim.expand import expand_xacro
+from kr210_sim.inertials import repair_inertials
+from kr210_sim.packages import Packages
+from kr210_sim.safe_xml import read_xml
+from kr210_sim.urdf_tree import check_tree
 
 _JOINT_TYPES = {"fixed", "revolute", "continuous", "prismatic"}
 
@@ -28,143 +32,107 @@ class Description:
         path: the file that was read.
         urdf_text: the URDF after xacro expansion.
         model: `yourdfpy.URDF`, whose `robot` holds links and joints in file order.
+        packages: resolves the mesh files it names.
+        notes: what was changed in reading it, for the report.
     """
 
     path: Path
     urdf_text: str
     model: Any
+    packages: Packages
+    notes: tuple[str, ...] = ()
 
 
-def load_description(path: Path) -> Description:
+def load_description(
+    path: Path,
+    packages: Packages | None = None,
+    arguments: Mapping[str, str] | None = None,
+) -> Description:
     """Read a robot description.
 
     Args:
         path: a `.xacro` file (expanded without ROS) or a `.urdf` file.
+        packages: where its packages are; by default as found from the file.
+        arguments: values of `<xacro:arg>` by name.
 
     Raises:
         BadInput: if the file is missing, does not expand or parse, or is not a usable URDF.
     """
     if not path.is_file():
         raise BadInput(f"--robot: no file {path}; give the path of a .xacro or .urdf file")
-    text = _expand(path) if path.suffix == ".xacro" else _read(path)
+    packages = packages or Packages(path)
+    content = read_xml(path)
+    if path.suffix == ".xacro":
+        content = expand_xacro(path, packages, arguments or {}).encode()
     try:
-        root = ET.fromstring(text)
-    except ET.ParseError as error:
-        raise BadInput(f"{path}: not well-formed XML ({error}); correct the file") from error
+        root = ET.fromstring(content)
+    except (ET.ParseError, ValueError, LookupError) as error:  # ValueError: unknown encodings
+        raise BadInput(f"{path}: cannot be read as XML ({error}); correct the file") from error
     if root.tag != "robot":
         raise BadInput(f"{path}: root element is <{root.tag}>; a URDF starts with <robot>")
-    _check_tree(path, root)
+    check_tree(str(path), root)
+    model = _parse(path, content)
+    _check(path, model)
+    notes = repair_inertials(str(path), model, packages)
+    return Description(
+        path=path, urdf_text=content.decode(), model=model, packages=packages, notes=notes
+    )
+
+
+def _parse(path: Path, content: bytes) -> Any:
     try:
-        model = yourdfpy.URDF.load(
-            io.BytesIO(text.encode()), build_scene_graph=True, load_meshes=False
-        )
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # what is wrong is refused by _check, in our words
+            return yourdfpy.URDF.load(
+                io.BytesIO(content), build_scene_graph=True, load_meshes=False
+            )
     except Exception as error:  # yourdfpy lets ValueError, KeyError, TypeError, its own out
         raise BadInput(f"{path}: not a usable URDF ({_one_line(error)}); correct it") from error
-    _check(path, model)
-    return Description(path=path, urdf_text=text, model=model)
-
-
-def _expand(path: Path) -> str:
-    try:
-        return str(xacro.process_file(str(path)).toprettyxml(indent="  "))
-    except (
-        xacro.XacroException,
-        ExpatError,
-        DOMException,
-        OSError,
-        ValueError,
-        RecursionError,
-    ) as error:
-        raise BadInput(
-            f"{path}: xacro cannot expand it ({_one_line(error)}); correct the file"
-        ) from error
-
-
-def _read(path: Path) -> str:
-    try:
-        return path.read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as error:
-        raise BadInput(f"{path}: cannot be read ({_one_line(error)})") from error
 
 
 def _one_line(error: BaseException) -> str:
     return " ".join(str(error).split()) or type(error).__name__
 
 
-def _check_tree(path: Path, root: ET.Element) -> None:
-    """Refuse what is no tree of links: double or missing names, two parents, loops, two roots."""
-    names = {kind: [e.get("name", "") for e in root.findall(kind)] for kind in ("link", "joint")}
-    for kind, found in names.items():
-        for name in found:
-            if not name or found.count(name) > 1:
-                raise BadInput(f"{path}: {kind} name '{name}' is empty or used twice; rename one")
-    parent_of: dict[str, str] = {}
-    for joint in root.findall("joint"):
-        where = f"{path}: joint '{joint.get('name')}'"
-        ends = [
-            (end.get("link", "") if end is not None else "")
-            for end in (joint.find("parent"), joint.find("child"))
-        ]
-        for end in ends:
-            if end not in names["link"]:
-                raise BadInput(f"{where}: there is no link '{end}'; name an existing one")
-        if ends[1] in parent_of:
-            raise BadInput(f"{where}: link '{ends[1]}' has a parent already; remove one joint")
-        parent_of[ends[1]] = ends[0]
-    for name in names["link"]:
-        seen = {name}
-        while (name := parent_of.get(name, "")) and name not in seen:
-            seen.add(name)
-        if name:
-            raise BadInput(f"{path}: the links form a loop through '{name}'; break it")
-    roots = [name for name in names["link"] if name not in parent_of]
-    if len(roots) != 1:
-        raise BadInput(f"{path}: root links are {', '.join(roots)}; a robot has exactly one")
-
-
 def _check(path: Path, model: Any) -> None:
-    """Refuse what would only fail later and less clearly: types, limits, masses, inertias."""
+    """Refuse what would only fail later and less clearly: types, limits, numbers, shapes."""
     for joint in model.robot.joints:
         where = f"{path}: joint '{joint.name}'"
         if joint.type not in _JOINT_TYPES:
             known = ", ".join(sorted(_JOINT_TYPES))
             raise BadInput(f"{where}: type '{joint.type}' is not supported; use one of {known}")
-        if joint.type == "fixed":
-            continue
-        if joint.limit is None:
-            raise BadInput(f"{where}: <limit> is missing; give lower, upper, effort and velocity")
-        for field in ("effort", "velocity"):
-            value = getattr(joint.limit, field)
-            if value is None or not math.isfinite(value) or value <= 0:
-                raise BadInput(f"{where}: limit {field} is {value}; give a positive number")
-        lower, upper = joint.limit.lower, joint.limit.upper
-        if joint.type != "continuous" and not _ordered(lower, upper):
-            raise BadInput(
-                f"{where}: limits {lower} .. {upper} are not a range; give lower < upper"
-            )
+        _check_origin(where, joint)
+        if joint.type != "fixed":
+            _check_limit(where, joint)
     for link in model.robot.links:
-        inertial = link.inertial
-        if inertial is None:
-            continue
-        where = f"{path}: link '{link.name}'"
-        mass = inertial.mass
-        if mass is None or not math.isfinite(mass) or mass <= 0:
-            raise BadInput(f"{where}: mass is {mass}; give a positive number of kg")
-        if inertial.inertia is None or not _is_inertia(inertial.inertia):
-            raise BadInput(
-                f"{where}: inertia is impossible; principal moments must be positive "
-                "and each no larger than the sum of the other two"
-            )
+        elements = [*link.visuals, *link.collisions]
+        for element in elements if link.inertial is None else [*elements, link.inertial]:
+            _check_origin(f"{path}: link '{link.name}'", element)
+
+
+def _check_origin(where: str, element: Any) -> None:
+    if element.origin is not None and not np.all(np.isfinite(element.origin)):
+        raise BadInput(f"{where}: <origin> holds values that are no finite numbers; correct it")
+
+
+def _check_limit(where: str, joint: Any) -> None:
+    if joint.axis is not None and not np.linalg.norm(joint.axis) > 0:
+        raise BadInput(f"{where}: <axis> has no direction; give one")
+    if joint.limit is None:
+        raise BadInput(f"{where}: <limit> is missing; give lower, upper, effort and velocity")
+    effort = joint.limit.effort = joint.limit.effort or 0.0  # 0 is replaced when it is rated
+    if not math.isfinite(effort) or effort < 0:
+        raise BadInput(f"{where}: limit effort is {effort}; give a positive number")
+    velocity = joint.limit.velocity
+    follows = joint.mimic is not None
+    if not follows and (velocity is None or not math.isfinite(velocity) or velocity <= 0):
+        raise BadInput(f"{where}: limit velocity is {velocity}; give a positive number")
+    lower, upper = joint.limit.lower, joint.limit.upper
+    if joint.type != "continuous" and not _ordered(lower, upper):
+        raise BadInput(f"{where}: limits {lower} .. {upper} are not a range; give lower < upper")
 
 
 def _ordered(lower: float | None, upper: float | None) -> bool:
     if lower is None or upper is None:
         return False
     return math.isfinite(lower) and math.isfinite(upper) and lower < upper
-
-
-def _is_inertia(inertia: np.ndarray) -> bool:
-    if not np.all(np.isfinite(inertia)):
-        return False
-    a, b, c = np.linalg.eigvalsh(inertia)
-    return bool(a > 0 and a + b >= c * (1 - 1e-9))

@@ -14,6 +14,10 @@ class BadInput(Kr210SimError):
     """
 
 
+class MissingFile(BadInput):
+    """A file that a description names does not exist."""
+
+
 class CycleFailure(Kr210SimError):
     """A cycle cannot go on; the sequencer turns it into a scored failure.
 

@@ -15,8 +15,10 @@ from kr210_sim.scene import ROBOT_PREFIX, Scene, Target, add_target
 _PARKING_PITCH = 0.3  # [m], between parked targets
 
 
-def episode_world(scene: Scene, targets: Sequence[Target], records: Sequence[CycleRecord]) -> str:
-    """Return the MJCF of an episode's world with all its targets.
+def episode_world(
+    scene: Scene, targets: Sequence[Target], records: Sequence[CycleRecord]
+) -> mujoco.MjSpec:
+    """Return an episode's world with all its targets.
 
     The keyframe `cycle_NNNN` is the state in which that cycle began. A target that was not in the
     world yet, or no longer, is parked upright on the floor behind the robot.
@@ -37,8 +39,7 @@ def episode_world(scene: Scene, targets: Sequence[Target], records: Sequence[Cyc
         names = list(zip(record.start, widths, strict=True))
         place_joints(model, qpos, names, np.concatenate(list(record.start.values())))
         spec.add_key(name=f"cycle_{record.cycle:04d}", qpos=qpos, ctrl=ctrl)
-    spec.compile()
-    return str(spec.to_xml())
+    return spec
 
 
 def place_joints(

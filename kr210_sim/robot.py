@@ -12,9 +12,14 @@ import ik
 from kr210_sim.arrays import Array
 from kr210_sim.description import Description
 from kr210_sim.exceptions import BadInput
+from kr210_sim.gripper import chain_to, coupling, find_gripper, find_tcp, joint_axis, joint_origin
 from kr210_sim.resources import resource
 
-TCP_LINK = "tcp"
+ACCELERATION_TIME = 0.25
+"""Time in which planned motions go from rest to the velocity limit [s]."""
+
+MAX_GRIP = 500.0
+"""Largest grip force [N], and what a gripper without a figure is given."""
 
 
 class Chain(NamedTuple):
@@ -44,6 +49,7 @@ class Robot:
         fingers: names of the two finger links, right (-y side of the palm) first.
         finger_joint: the driven finger joint; the other finger mimics it.
         mimic_joint: the finger joint that follows.
+        mimic_multiplier, mimic_offset: its position is multiplier * q + offset [m].
         palm: link that carries the fingers; its frame is what the IK solves for.
         lower, upper: joint limits [rad].
         velocity: joint velocity limits [rad/s].
@@ -51,9 +57,10 @@ class Robot:
         chain: the arm's joints, base frame to palm frame.
         geometry: the arm as `ik` solves it.
         T_palm_tcp: (4, 4), the TCP in the palm frame.
-        finger_open, finger_closed: limits of the driven finger joint [m], positive closing.
+        finger_open, finger_closed: positions of the driven finger joint [m] at its limits.
         finger_velocity: its velocity limit [m/s].
         grip_force: its effort limit [N]; the mimic coupling gives each finger half of it.
+        notes: what was guessed or changed, for the report.
     """
 
     path: Path
@@ -62,6 +69,8 @@ class Robot:
     fingers: tuple[str, str]
     finger_joint: str
     mimic_joint: str
+    mimic_multiplier: float
+    mimic_offset: float
     palm: str
     lower: Array
     upper: Array
@@ -74,6 +83,16 @@ class Robot:
     finger_closed: float
     finger_velocity: float
     grip_force: float
+    notes: tuple[str, ...] = ()
+
+    @property
+    def open_positions(self) -> Array:
+        """Positions (2,) of the driven and the following finger joint, gripper open [m]."""
+        return self.finger_positions(self.finger_open)
+
+    def finger_positions(self, driven: float) -> Array:
+        """Return the positions (2,) of both finger joints [m] from that of the driven one."""
+        return np.array([driven, self.mimic_multiplier * driven + self.mimic_offset])
 
     @property
     def max_payload(self) -> float:
@@ -98,81 +117,79 @@ def find_robot(description: Description) -> Robot:
     """Find arm, gripper and TCP in the link tree.
 
     The arm is the chain of revolute joints from the root to the palm; the palm is the parent of the
-    two opposed prismatic joints; the TCP is the link named "tcp" fixed to the palm.
+    two opposed prismatic joints; the TCP is the link named "tcp" or, without one, midway between
+    the fingers (`gripper.find_tcp`).
 
     Raises:
         BadInput: if the tree does not hold exactly that, naming what is missing.
     """
     robot = description.model.robot
     where = str(description.path)
-    parent_joint = {joint.child: joint for joint in robot.joints}
-    driven, mimic = _finger_joints(where, robot.joints)
-    palm = driven.parent
-    chain = _chain_to(palm, parent_joint)
+    gripper = find_gripper(where, robot.joints)
+    chain = chain_to(gripper.palm, robot.joints)
     arm = [joint for joint in chain if joint.type != "fixed"]
     if len(arm) != 6 or any(joint.type != "revolute" for joint in arm):
         found = ", ".join(f"{joint.name} ({joint.type})" for joint in arm) or "none"
         raise BadInput(
-            f"{where}: between root and '{palm}' an arm of six revolute joints with limits is "
-            f"needed; found {found}"
-        )
-    tcp = parent_joint.get(TCP_LINK)
-    if tcp is None or tcp.parent != palm or tcp.type != "fixed":
-        raise BadInput(
-            f"{where}: link '{TCP_LINK}' is missing; fix one to '{palm}' on the axis of a grasped "
-            "cylinder, +x along the approach"
+            f"{where}: between root and '{gripper.palm}' an arm of six revolute joints with limits "
+            f"is needed; found {found}; --base, --tip and --joints say which it is"
         )
     folded = _fold(chain)
-    right, left = sorted((driven, mimic), key=lambda joint: float(_origin(joint)[1, 3]))
+    geometry = _geometry(where, folded)
+    T_palm_tcp, notes = find_tcp(where, robot, gripper, _hand_axis(folded), description.packages)
+    multiplier, offset = coupling(gripper.mimic)
+    grip_force, force_notes = _grip_force(gripper.driven)
     return Robot(
         path=description.path,
-        root=chain[0].parent if chain else palm,
+        root=chain[0].parent,
         arm_joints=tuple(joint.name for joint in arm),
-        fingers=(right.child, left.child),
-        finger_joint=driven.name,
-        mimic_joint=mimic.name,
-        palm=palm,
+        fingers=gripper.links,
+        finger_joint=gripper.driven.name,
+        mimic_joint=gripper.mimic.name,
+        mimic_multiplier=multiplier,
+        mimic_offset=offset,
+        palm=gripper.palm,
         lower=_limits(arm, "lower"),
         upper=_limits(arm, "upper"),
         velocity=_limits(arm, "velocity"),
         effort=_limits(arm, "effort"),
         chain=folded,
-        geometry=_geometry(where, folded),
-        T_palm_tcp=_origin(tcp),
-        finger_open=float(driven.limit.lower),
-        finger_closed=float(driven.limit.upper),
-        finger_velocity=float(driven.limit.velocity),
-        grip_force=float(driven.limit.effort),
+        geometry=geometry,
+        T_palm_tcp=T_palm_tcp,
+        finger_open=gripper.open,
+        finger_closed=gripper.closed,
+        finger_velocity=float(gripper.driven.limit.velocity),
+        grip_force=grip_force,
+        notes=notes + force_notes,
     )
 
 
-def _finger_joints(where: str, joints: list[Any]) -> tuple[Any, Any]:
-    """Return the driven finger joint and the one that mimics it."""
-    prismatic = [joint for joint in joints if joint.type == "prismatic"]
-    if len(prismatic) != 2 or len({joint.parent for joint in prismatic}) != 1:
-        raise BadInput(
-            f"{where}: found {len(prismatic)} prismatic joints; a gripper needs two opposed "
-            "prismatic finger joints on one palm link"
-        )
-    driven, mimic = sorted(prismatic, key=lambda joint: joint.mimic is not None)
-    if driven.mimic is not None or mimic.mimic is None or mimic.mimic.joint != driven.name:
-        raise BadInput(
-            f"{where}: exactly one finger joint must carry <mimic> of the other, as the jaws of a "
-            "parallel gripper are coupled"
-        )
-    return driven, mimic
+def _hand_axis(chain: Chain) -> Array:
+    """Return the direction (3,) of axis 6 in the palm frame, away from the wrist center.
+
+    Where the palm is at the wrist center, the direction in which the axis is positive.
+    """
+    axis = chain.axes[5] / np.linalg.norm(chain.axes[5])
+    T_5_palm = chain.origins[5] @ chain.T_last_palm
+    axis_in_5 = chain.origins[5][:3, :3] @ axis
+    # The wrist center is where axes 5 and 6 meet: the point of axis 6 nearest to axis 5.
+    axis_5 = chain.axes[4] / np.linalg.norm(chain.axes[4])
+    p = chain.origins[5][:3, 3]
+    across = np.cross(axis_5, np.cross(axis_5, axis_in_5))
+    center = p - axis_in_5 * (across @ p) / (across @ axis_in_5)
+    away = axis_in_5 @ (T_5_palm[:3, 3] - center)
+    direction = axis_in_5 if away >= -1e-6 else -axis_in_5
+    return np.asarray(T_5_palm[:3, :3].T @ direction)
 
 
-def _chain_to(link: str, parent_joint: dict[str, Any]) -> list[Any]:
-    chain: list[Any] = []
-    while link in parent_joint:
-        chain.append(parent_joint[link])
-        link = parent_joint[link].parent
-    return chain[::-1]
-
-
-def _origin(joint: Any) -> Array:
-    return np.eye(4) if joint.origin is None else np.array(joint.origin, dtype=float)
+def _grip_force(joint: Any) -> tuple[float, tuple[str, ...]]:
+    """Return the grip force [N] of the driven finger and what was changed."""
+    effort = float(joint.limit.effort)
+    if 0 < effort <= MAX_GRIP:
+        return effort, ()
+    return MAX_GRIP, (
+        f"joint '{joint.name}': effort {effort:g} N is replaced by a grip force of {MAX_GRIP:g} N",
+    )
 
 
 def _limits(joints: list[Any], field: str) -> Array:
@@ -186,11 +203,11 @@ def _fold(chain: list[Any]) -> Chain:
     origins, axes = [], []
     pending = np.eye(4)
     for joint in chain:
-        pending = pending @ _origin(joint)
+        pending = pending @ joint_origin(joint)
         if joint.type == "fixed":
             continue
         origins.append(pending)
-        axes.append(np.array(joint.axis, dtype=float))
+        axes.append(joint_axis(joint))
         pending = np.eye(4)
     return Chain(np.array(origins), np.array(axes), pending)
 

@@ -7,7 +7,7 @@ import math
 import platform
 import time
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -19,12 +19,12 @@ import ik
 from kr210_sim import __version__
 from kr210_sim.config import EPISODE_CYCLES, RunConfig
 from kr210_sim.cycle import CycleSetup, Probe, run_cycle
-from kr210_sim.description import load_description
 from kr210_sim.exceptions import BadInput
-from kr210_sim.mjcf import robot_spec
+from kr210_sim.loading import load_robot
+from kr210_sim.mjcf_files import save_model
 from kr210_sim.playback import episode_world
 from kr210_sim.record import save_record
-from kr210_sim.robot import Robot, bundled_robot, find_robot
+from kr210_sim.robot import Robot
 from kr210_sim.scene import Scene, Target, build_scene, find_scene
 from kr210_sim.score import CycleScore, score_cycle
 from kr210_sim.simulation import Simulation
@@ -62,9 +62,10 @@ def load_world(config: RunConfig) -> Scene:
     Raises:
         BadInput: naming the option or file.
     """
-    description = load_description(config.robot or bundled_robot())
-    robot = find_robot(description)
-    scene = build_scene(find_scene(config.scene), robot, robot_spec(description, robot))
+    model = load_robot(config.robot_source())
+    robot = model.robot
+    scene = build_scene(find_scene(config.scene), robot, model.spec)
+    scene = replace(scene, notes=(*model.notes, *scene.notes))
     if config.cell not in ("random", "all") and int(config.cell) > len(scene.cells):
         raise BadInput(
             f"--cell: scene '{scene.name}' has no cell {config.cell}; give 1 to "
@@ -266,8 +267,7 @@ def _write_episode(
     records = [score.record for score in finished]
     folder = out / "episodes" / f"{episode.index:04d}"
     folder.mkdir(parents=True, exist_ok=True)
-    world = episode_world(scene, targets, records)
-    (folder / "scene.xml").write_text(world, encoding="utf-8")
+    save_model(episode_world(scene, targets, records), folder / "scene.xml")
     for record in records:
         save_record(record, out / "cycles" / f"{record.cycle:04d}.npz")
     with (out / "cycles.jsonl").open("a", encoding="utf-8") as file:

@@ -80,11 +80,11 @@ class Simulation:
             if mujoco.mj_name2id(self.model, mujoco.mjtObj.mjOBJ_JOINT, name) >= 0:
                 first = int(self.model.joint(name).qposadr[0])
                 self.data.qpos[first : first + len(values)] = values
-        opening = self.scene.robot.finger_open
+        opening = self.scene.robot.open_positions
         self.data.qpos[self.addresses.arm] = 0.0
         self.data.qpos[self.addresses.fingers] = opening
         self.data.ctrl[:] = 0.0
-        self.data.ctrl[self.addresses.finger_ctrl] = opening
+        self.data.ctrl[self.addresses.finger_ctrl] = opening[0]
         mujoco.mj_forward(self.model, self.data)
 
     def positions(self) -> dict[str, Array]:
@@ -233,7 +233,7 @@ class Simulation:
         )
         robot = (subtree, ROBOT_PREFIX + self.scene.robot.root)
         picked = (body, target.name)
-        right, left = ((body, ROBOT_PREFIX + finger) for finger in self.scene.robot.fingers)
+        right, left = ((subtree, ROBOT_PREFIX + name) for name in self.scene.robot.fingers)
         self._count("robot_all", robot)
         self._count("robot_target", robot, picked)
         self._count("target_all", picked)

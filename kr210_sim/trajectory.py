@@ -10,9 +10,7 @@ from ruckig import Trajectory as RuckigTrajectory
 
 from kr210_sim.arrays import Array
 from kr210_sim.path import Path
-
-ACCELERATION_TIME = 0.25
-"""Time from rest to the velocity limit at the acceleration limit [s]."""
+from kr210_sim.robot import ACCELERATION_TIME
 
 JERK_TIME = 0.05
 """Time from zero to the acceleration limit at the jerk limit [s]."""

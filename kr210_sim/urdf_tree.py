@@ -1,0 +1,95 @@
+"""Whether the links and joints of a URDF form one tree: checked before anything walks along it."""
+
+from __future__ import annotations
+
+import xml.etree.ElementTree as ET
+from collections.abc import Iterable
+
+from kr210_sim.exceptions import BadInput
+
+
+def check_tree(where: str, robot: ET.Element) -> None:
+    """Refuse a description whose links and joints are not one tree.
+
+    Args:
+        where: the file, for messages.
+        robot: the <robot> element.
+
+    Raises:
+        BadInput: naming the link or joint and the remedy.
+    """
+    links = _names(where, robot.findall("link"))
+    if not links:
+        raise BadInput(f"{where}: holds no <link>; a robot has at least a base and six more")
+    joints = robot.findall("joint")
+    _names(where, joints)
+    parent_of: dict[str, str] = {}
+    for joint in joints:
+        name = joint.get("name")
+        ends = {}
+        for end in ("parent", "child"):
+            element = joint.find(end)
+            link = None if element is None else element.get("link")
+            if link is None:
+                raise BadInput(f"{where}: joint '{name}' has no <{end} link=...>; give one")
+            if link not in links:
+                raise BadInput(f"{where}: joint '{name}': no {end} link '{link}'; define it")
+            ends[end] = link
+        if ends["child"] in parent_of:
+            raise BadInput(
+                f"{where}: joint '{name}': link '{ends['child']}' has two parent joints; keep one"
+            )
+        parent_of[ends["child"]] = ends["parent"]
+    for link in links:
+        _check_no_loop(where, link, parent_of)
+    roots = [link for link in links if link not in parent_of]
+    if len(roots) > 1:
+        listed = ", ".join(f"'{root}'" for root in roots[:4])
+        raise BadInput(f"{where}: links {listed} have no parent; join them to one tree")
+    _check_mimics(where, joints)
+    _check_shapes(where, robot.findall("link"))
+
+
+def _names(where: str, elements: Iterable[ET.Element]) -> dict[str, None]:
+    names: dict[str, None] = {}
+    for element in elements:
+        name = element.get("name")
+        if not name:
+            raise BadInput(f"{where}: a <{element.tag}> has no name; give it one")
+        if name in names:
+            raise BadInput(f"{where}: {element.tag} '{name}' is defined twice; rename one")
+        names[name] = None
+    return names
+
+
+def _check_no_loop(where: str, link: str, parent_of: dict[str, str]) -> None:
+    seen = {link}
+    above = link
+    while above in parent_of:
+        above = parent_of[above]
+        if above in seen:
+            raise BadInput(f"{where}: link '{above}' is part of a loop of joints; open it")
+        seen.add(above)
+
+
+def _check_mimics(where: str, joints: list[ET.Element]) -> None:
+    names = {joint.get("name") for joint in joints}
+    for joint in joints:
+        mimic = joint.find("mimic")
+        if mimic is not None and mimic.get("joint") not in names - {joint.get("name")}:
+            raise BadInput(
+                f"{where}: joint '{joint.get('name')}': <mimic> of '{mimic.get('joint')}', which "
+                "is no other joint; correct the name"
+            )
+
+
+def _check_shapes(where: str, links: Iterable[ET.Element]) -> None:
+    for link in links:
+        for kind in ("visual", "collision"):
+            for shape in link.findall(kind):
+                geometry = shape.find("geometry")
+                if geometry is None or len(geometry) == 0:
+                    raise BadInput(
+                        f"{where}: link '{link.get('name')}': a <{kind}> has no geometry; give it "
+                        "a shape or remove it"
+                    )
