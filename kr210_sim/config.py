@@ -63,7 +63,9 @@ class RunConfig:
     )
 
     def __post_init__(self) -> None:
-        """Check every value."""
+        """Check every value; lists, as JSON gives them, become tuples."""
+        object.__setattr__(self, "package", tuple(self.package))
+        object.__setattr__(self, "xacro_arg", tuple(self.xacro_arg))
         if not 1 <= self.cycles <= MAX_CYCLES:
             raise BadInput(f"--cycles: {self.cycles} is out of range; give 1 to {MAX_CYCLES}")
         if self.seed < 0:
