@@ -12,7 +12,7 @@ import numpy as np
 import yourdfpy
 
 from kr210_sim.arrays import Array
-from kr210_sim.description import Description, load_description
+from kr210_sim.description import Description, kinematic_model, load_description
 from kr210_sim.exceptions import BadInput
 from kr210_sim.gripper import chain_to, finger_joints, joint_axis, joint_origin
 from kr210_sim.resources import resource
@@ -73,7 +73,7 @@ def isolate_arm(description: Description, choice: ArmChoice | None = None) -> De
             chain = chain_to(own[0].parent, robot.joints)
             keep |= {joint.name for joint in chain if joint.type in _TURNING}
         _freeze(robot, keep, notes)
-    model = yourdfpy.URDF(robot=robot, build_scene_graph=True, load_meshes=False)
+    model = kinematic_model(robot)
     return replace(description, model=model, packages=packages, notes=(*description.notes, *notes))
 
 

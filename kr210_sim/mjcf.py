@@ -119,7 +119,7 @@ def _add_link(
         _add_joint(body, joint)
         if link.visuals and not link.collisions:
             raise BadInput(
-                f"link '{link.name}' moves and can be seen, but has no <collision>; give it one"
+                f"link '{link.name}' moves and can be seen but has no <collision>; give it one"
             )
     shapes.add_link(body, link)
     for child in children.get(link.name, []):
