@@ -12,7 +12,7 @@ import numpy as np
 import yourdfpy
 
 from kr210_sim.arrays import Array
-from kr210_sim.description import Description, load_description
+from kr210_sim.description import Description, kinematic_model, load_description
 from kr210_sim.exceptions import BadInput
 from kr210_sim.gripper import chain_to, finger_joints, joint_axis, joint_origin
 from kr210_sim.resources import resource
@@ -30,8 +30,8 @@ def isolate_arm(description: Description, choice: ArmChoice | None = None) -> De
     The gripper is the two finger joints named or found: prismatic, beyond a revolute joint. Where
     there is none, or `choice.gripper` asks for it, the bundled gripper is mounted on the flange:
     `choice.tip`, else the link named tool0 or flange (possibly behind a prefix), else the child of
-    the sixth revolute joint. The arm is the joints named, else those from the base to the gripper.
-    Every other joint is fixed at 0.
+    the sixth revolute joint. The arm is the joints named, else the turning ones from the base to
+    the gripper. Every other joint, a rail's for one, is fixed at 0.
 
     Args:
         description: as it was read.
@@ -70,9 +70,10 @@ def isolate_arm(description: Description, choice: ArmChoice | None = None) -> De
     if own:
         keep = set(choice.joints) | {joint.name for joint in own}
         if not choice.joints:
-            keep |= {joint.name for joint in chain_to(own[0].parent, robot.joints)}
+            chain = chain_to(own[0].parent, robot.joints)
+            keep |= {joint.name for joint in chain if joint.type in _TURNING}
         _freeze(robot, keep, notes)
-    model = yourdfpy.URDF(robot=robot, build_scene_graph=True, load_meshes=False)
+    model = kinematic_model(robot)
     return replace(description, model=model, packages=packages, notes=(*description.notes, *notes))
 
 

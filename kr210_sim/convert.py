@@ -145,7 +145,7 @@ def _readme(conversion: Conversion, model: RobotModel) -> str:
         "   of class `collision` (group 3); meshes in metres, z up, in `assets/`.",
         "4. Each arm joint got a position servo, force = kp (ctrl - q) - kv qd, critically damped",
         f"   at {SERVO_BANDWIDTH:g} rad/s for its largest reflected inertia, and a rotor",
-        "   (armature) that goes with its effort limit. To follow: ctrl = q + (kv/kp) qd.",
+        "   (armature) that goes with its effort limit. To follow q(t): ctrl = q + (kv/kp) qd.",
         "5. The fingers are coupled; their gripping surfaces got friction 1 and stiff contact.",
         "6. Gravity of the robot's own links is compensated through the motors and counts against",
         "   their limits.",

@@ -79,13 +79,29 @@ def load_description(
     )
 
 
+def kinematic_model(robot: Any) -> Any:
+    """Return the `yourdfpy.URDF` of a `yourdfpy` robot, able to do forward kinematics.
+
+    Its scene graph holds frames only: drawing the shapes takes longer than all the rest.
+    """
+    visuals = [link.visuals for link in robot.links]
+    try:
+        for link in robot.links:
+            link.visuals = []
+        return yourdfpy.URDF(robot=robot, build_scene_graph=True, load_meshes=False)
+    finally:
+        for link, drawn in zip(robot.links, visuals, strict=True):
+            link.visuals = drawn
+
+
 def _parse(path: Path, content: bytes) -> Any:
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # what is wrong is refused by _check, in our words
-            return yourdfpy.URDF.load(
-                io.BytesIO(content), build_scene_graph=True, load_meshes=False
+            parsed = yourdfpy.URDF.load(
+                io.BytesIO(content), build_scene_graph=False, load_meshes=False
             )
+            return kinematic_model(parsed.robot)
     except Exception as error:  # yourdfpy lets ValueError, KeyError, TypeError, its own out
         raise BadInput(f"{path}: not a usable URDF ({_one_line(error)}); correct it") from error
 

@@ -51,7 +51,7 @@ def rate_efforts(description: Description, robot: Robot) -> Robot:
     rng = np.random.default_rng(0)
     q = rng.uniform(robot.lower, robot.upper, (_SAMPLES, 6))
     needed = np.max(np.abs(arm_load(description.model, robot, q).gravity), axis=0)
-    weak = np.flatnonzero(robot.effort < needed)
+    weak = np.flatnonzero((robot.effort < needed) | (robot.effort <= 0))
     if not len(weak):
         return robot
     listed = ", ".join(

@@ -22,7 +22,7 @@ from kr210_sim.exceptions import BadInput
 from kr210_sim.packages import Packages
 from kr210_sim.safe_xml import MAX_XML_BYTES, check_xml
 
-TIME_LIMIT = 8.0
+TIME_LIMIT = 6.0
 """Longest expansion [s]; large public descriptions take a few tenths."""
 
 MEMORY_LIMIT = 1 << 30
@@ -82,11 +82,19 @@ def _main() -> None:
     with contextlib.redirect_stdout(None):  # xacro's own messages
         try:
             answer = {"text": _expand(request)}
-        except MemoryError:
-            answer = {"error": f"it needs more than {MEMORY_LIMIT >> 20} MB of memory"}
         except Exception as error:  # expressions may raise anything
-            answer = {"error": " ".join(str(error).split()) or type(error).__name__}
+            answer = {"error": _reason(error)}
     json.dump(answer, sys.stdout)
+
+
+def _reason(error: BaseException) -> str:
+    """Say what went wrong in one line; xacro wraps what an expression raises."""
+    inner: BaseException | None = error
+    while inner is not None:
+        if isinstance(inner, MemoryError):
+            return f"it needs more than {MEMORY_LIMIT >> 20} MB of memory"
+        inner = getattr(inner, "exc", None) or inner.__cause__ or inner.__context__
+    return " ".join(str(error).split()) or type(error).__name__
 
 
 def _expand(request: dict[str, Any]) -> str:

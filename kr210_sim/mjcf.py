@@ -117,6 +117,10 @@ def _add_link(
         ]
     if joint is not None and joint.type != "fixed":
         _add_joint(body, joint)
+        if link.visuals and not link.collisions:
+            raise BadInput(
+                f"link '{link.name}' moves and can be seen but has no <collision>; give it one"
+            )
     shapes.add_link(body, link)
     for child in children.get(link.name, []):
         _add_link(body, links[child.child], child, links, children, shapes)

@@ -60,5 +60,5 @@ def check_xml(content: bytes, where: str) -> None:
     parser.EntityDeclHandler = entity
     try:
         parser.Parse(content, True)
-    except expat.ExpatError:
-        return  # malformed: the parser that needs it says where
+    except (expat.ExpatError, LookupError, ValueError):
+        return  # malformed or of an unknown encoding: the parser that needs it says where
