@@ -126,6 +126,8 @@ def pose_distance(arm: Arm, tool: Frame, T: FloatArray) -> FloatArray:
     Returns:
         Shape (...).
     """
-    square = [sum((a - t) ** 2 for a, t in zip(axis, T[:, j], strict=True)) for j, axis in enumerate(tool)]
-    turned = np.sqrt(0.5 * (square[0] + square[1] + square[2]))
-    return np.asarray(turned + np.sqrt(square[3]) / arm.constants.reach)
+    x, y, z, p = (
+        (a[0] - b[0]) ** 2 + (a[1] - b[1]) ** 2 + (a[2] - b[2]) ** 2
+        for a, b in zip(tool, np.moveaxis(T, 1, 0), strict=True)
+    )
+    return np.asarray(np.sqrt(0.5 * (x + y + z)) + np.sqrt(p) / arm.constants.reach)

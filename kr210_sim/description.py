@@ -53,6 +53,7 @@ def load_description(path: Path) -> Description:
         raise BadInput(f"{path}: not well-formed XML ({error}); correct the file") from error
     if root.tag != "robot":
         raise BadInput(f"{path}: root element is <{root.tag}>; a URDF starts with <robot>")
+    _check_tree(path, root)
     try:
         model = yourdfpy.URDF.load(
             io.BytesIO(text.encode()), build_scene_graph=True, load_meshes=False
@@ -88,6 +89,37 @@ def _read(path: Path) -> str:
 
 def _one_line(error: BaseException) -> str:
     return " ".join(str(error).split()) or type(error).__name__
+
+
+def _check_tree(path: Path, root: ET.Element) -> None:
+    """Refuse what is no tree of links: double or missing names, two parents, loops, two roots."""
+    names = {kind: [e.get("name", "") for e in root.findall(kind)] for kind in ("link", "joint")}
+    for kind, found in names.items():
+        for name in found:
+            if not name or found.count(name) > 1:
+                raise BadInput(f"{path}: {kind} name '{name}' is empty or used twice; rename one")
+    parent_of: dict[str, str] = {}
+    for joint in root.findall("joint"):
+        where = f"{path}: joint '{joint.get('name')}'"
+        ends = [
+            (end.get("link", "") if end is not None else "")
+            for end in (joint.find("parent"), joint.find("child"))
+        ]
+        for end in ends:
+            if end not in names["link"]:
+                raise BadInput(f"{where}: there is no link '{end}'; name an existing one")
+        if ends[1] in parent_of:
+            raise BadInput(f"{where}: link '{ends[1]}' has a parent already; remove one joint")
+        parent_of[ends[1]] = ends[0]
+    for name in names["link"]:
+        seen = {name}
+        while (name := parent_of.get(name, "")) and name not in seen:
+            seen.add(name)
+        if name:
+            raise BadInput(f"{path}: the links form a loop through '{name}'; break it")
+    roots = [name for name in names["link"] if name not in parent_of]
+    if len(roots) != 1:
+        raise BadInput(f"{path}: root links are {', '.join(roots)}; a robot has exactly one")
 
 
 def _check(path: Path, model: Any) -> None:

@@ -55,7 +55,10 @@ def robot_spec(description: Description, robot: Robot) -> mujoco.MjSpec:
     for joint in description.model.robot.joints:
         children.setdefault(joint.parent, []).append(joint)
     links = {link.name: link for link in description.model.robot.links}
-    _add_link(spec.worldbody, links[robot.root], None, links, children, materials)
+    try:
+        _add_link(spec.worldbody, links[robot.root], None, links, children, materials)
+    except BadInput as error:
+        raise BadInput(f"{description.path}: {error}") from error
     for name in (*robot.arm_joints, robot.finger_joint):
         _add_servo(spec, name)
     _couple_fingers(spec, description, robot)
@@ -174,7 +177,7 @@ def _add_geom(body: Any, name: str, element: Any, **options: Any) -> Any:
     elif shape.sphere is not None:
         options |= {"type": types.mjGEOM_SPHERE, "size": [shape.sphere.radius, 0, 0]}
     else:
-        raise BadInput(f"geometry '{name}': use box, cylinder or sphere")
+        raise BadInput(f"geometry '{name}' is a mesh; use box, cylinder or sphere")
     position, quat_wxyz = _pose(np.eye(4) if element.origin is None else element.origin)
     return body.add_geom(name=name, pos=position, quat=quat_wxyz, **options)
 

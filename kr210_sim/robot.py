@@ -106,19 +106,8 @@ def find_robot(description: Description) -> Robot:
     robot = description.model.robot
     where = str(description.path)
     parent_joint = {joint.child: joint for joint in robot.joints}
-    prismatic = [joint for joint in robot.joints if joint.type == "prismatic"]
-    if len(prismatic) != 2 or len({joint.parent for joint in prismatic}) != 1:
-        raise BadInput(
-            f"{where}: found {len(prismatic)} prismatic joints; a gripper needs two opposed "
-            "prismatic finger joints on one palm link"
-        )
-    driven = [joint for joint in prismatic if joint.mimic is None]
-    if len(driven) != 1:
-        raise BadInput(
-            f"{where}: exactly one finger joint must carry <mimic> of the other, as the jaws of a "
-            "parallel gripper are coupled"
-        )
-    palm = driven[0].parent
+    driven, mimic = _finger_joints(where, robot.joints)
+    palm = driven.parent
     chain = _chain_to(palm, parent_joint)
     arm = [joint for joint in chain if joint.type != "fixed"]
     if len(arm) != 6 or any(joint.type != "revolute" for joint in arm):
@@ -133,15 +122,14 @@ def find_robot(description: Description) -> Robot:
             f"{where}: link '{TCP_LINK}' is missing; fix one to '{palm}' on the axis of a grasped "
             "cylinder, +x along the approach"
         )
-    mimic = next(joint for joint in prismatic if joint is not driven[0])
     folded = _fold(chain)
-    right, left = sorted(prismatic, key=lambda joint: float(_origin(joint)[1, 3]))
+    right, left = sorted((driven, mimic), key=lambda joint: float(_origin(joint)[1, 3]))
     return Robot(
         path=description.path,
         root=chain[0].parent if chain else palm,
         arm_joints=tuple(joint.name for joint in arm),
         fingers=(right.child, left.child),
-        finger_joint=driven[0].name,
+        finger_joint=driven.name,
         mimic_joint=mimic.name,
         palm=palm,
         lower=_limits(arm, "lower"),
@@ -151,11 +139,28 @@ def find_robot(description: Description) -> Robot:
         chain=folded,
         geometry=_geometry(where, folded),
         T_palm_tcp=_origin(tcp),
-        finger_open=float(driven[0].limit.lower),
-        finger_closed=float(driven[0].limit.upper),
-        finger_velocity=float(driven[0].limit.velocity),
-        grip_force=float(driven[0].limit.effort),
+        finger_open=float(driven.limit.lower),
+        finger_closed=float(driven.limit.upper),
+        finger_velocity=float(driven.limit.velocity),
+        grip_force=float(driven.limit.effort),
     )
+
+
+def _finger_joints(where: str, joints: list[Any]) -> tuple[Any, Any]:
+    """Return the driven finger joint and the one that mimics it."""
+    prismatic = [joint for joint in joints if joint.type == "prismatic"]
+    if len(prismatic) != 2 or len({joint.parent for joint in prismatic}) != 1:
+        raise BadInput(
+            f"{where}: found {len(prismatic)} prismatic joints; a gripper needs two opposed "
+            "prismatic finger joints on one palm link"
+        )
+    driven, mimic = sorted(prismatic, key=lambda joint: joint.mimic is not None)
+    if driven.mimic is not None or mimic.mimic is None or mimic.mimic.joint != driven.name:
+        raise BadInput(
+            f"{where}: exactly one finger joint must carry <mimic> of the other, as the jaws of a "
+            "parallel gripper are coupled"
+        )
+    return driven, mimic
 
 
 def _chain_to(link: str, parent_joint: dict[str, Any]) -> list[Any]:

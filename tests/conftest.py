@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -10,12 +10,12 @@ from typing import Any
 import mujoco
 import pytest
 
+import kr210_sim.runner
 from kr210_sim.config import RunConfig
 from kr210_sim.cycle import CycleSetup, Probe, run_cycle
 from kr210_sim.description import Description, load_description
 from kr210_sim.mjcf import robot_spec
-from kr210_sim.resources import resource
-from kr210_sim.robot import Robot, find_robot
+from kr210_sim.robot import Robot, bundled_robot, find_robot
 from kr210_sim.runner import TARGET_LENGTH, run
 from kr210_sim.scene import Scene, Target, build_scene, find_scene
 from kr210_sim.score import CycleScore, score_cycle
@@ -42,7 +42,19 @@ def _no_log_file() -> None:
 
 @pytest.fixture(scope="session")
 def description() -> Description:
-    return load_description(resource("assets", "kr210", "kr210.urdf.xacro"))
+    return load_description(bundled_robot())
+
+
+@pytest.fixture(scope="session", autouse=True)
+def _expand_once(description: Description) -> Iterator[None]:
+    """Let runs share one expansion of the bundled xacro; test_description shows it repeatable."""
+
+    def load(path: Path) -> Description:
+        return description if path == bundled_robot() else load_description(path)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(kr210_sim.runner, "load_description", load)
+        yield
 
 
 @pytest.fixture(scope="session")

@@ -1,12 +1,12 @@
-"""A scene is plain MJCF by a convention: what it says is read, what breaks it is refused by name."""
+"""A scene is plain MJCF by a convention: it is read, or refused by what breaks the convention."""
 
 from __future__ import annotations
 
 import mujoco
 import numpy as np
 import pytest
-
 from conftest import standing_target
+
 from kr210_sim.exceptions import BadInput
 from kr210_sim.mjcf import TIMESTEP
 from kr210_sim.scene import (
@@ -243,7 +243,7 @@ def test_bundled_scenes_are_found_by_name_and_others_by_path(tmp_path):
 
 
 def test_an_unknown_scene_is_refused_with_the_names_that_exist():
-    with pytest.raises(BadInput, match="nosuch.*shelf_and_bin"):
+    with pytest.raises(BadInput, match=r"nosuch.*shelf_and_bin"):
         find_scene("nosuch")
 
 

@@ -104,7 +104,7 @@ def test_sliding_keeps_the_tool_where_it_is():
         assert slid[:, 3] == pytest.approx([-1.0, 2.0, 4.0])
         T = ik.forward(ik.KR210, q)
         assert np.abs(ik.forward(ik.KR210, slid) - T).max() < 2e-15
-        assert (np.abs(wrapped(slid[:, 5] - q[5])) == pytest.approx(np.abs(slid[:, 5] - q[5])))
+        assert np.abs(wrapped(slid[:, 5] - q[5])) == pytest.approx(np.abs(slid[:, 5] - q[5]))
 
 
 def test_sliding_counts_the_signs_of_the_arm():
