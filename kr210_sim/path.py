@@ -15,6 +15,7 @@ _NORM = 8.0
 
 _FINE = 400  # samples of the arc-length integral
 _KNOTS = 60  # samples that the reparametrised spline passes through
+_NOWHERE = 1e-12  # length up to which a path goes nowhere [s]
 
 
 class Path:
@@ -24,7 +25,7 @@ class Path:
     ds/dt = 1 about the fastest joint moves at its velocity limit.
 
     Attributes:
-        length: [s].
+        length: [s]; 0 for a path that goes nowhere.
     """
 
     def __init__(self, curve: BSpline, length: float) -> None:
@@ -37,10 +38,10 @@ class Path:
     def straight(cls, q_start: Array, q_end: Array, velocity: Array) -> Path:
         """Return the straight joint line between two configurations (6,) [rad]."""
         length = float(np.sum(np.abs((q_end - q_start) / velocity) ** _NORM) ** (1 / _NORM))
-        length = max(length, 1e-12)
-        s = np.linspace(0.0, length, _DEGREE + 1)
-        points = q_start + (s / length)[:, None] * (q_end - q_start)
-        return cls(make_interp_spline(s, points, k=_DEGREE), length)
+        length = length if length > _NOWHERE else 0.0
+        share = np.linspace(0.0, 1.0, _DEGREE + 1)
+        points = q_start + share[:, None] * (q_end - q_start)
+        return cls(make_interp_spline(share * (length or 1.0), points, k=_DEGREE), length)
 
     @classmethod
     def through(cls, q: Array, velocity: Array) -> Path:
@@ -57,8 +58,8 @@ class Path:
         travelled = np.cumsum((rate[1:] + rate[:-1]) / (2 * (_FINE - 1)))
         travelled = np.concatenate([[0.0], travelled])
         length = float(travelled[-1])
-        if length < 1e-12:
-            return cls(curve, 1e-12)
+        if length <= _NOWHERE:
+            return cls(curve, 0.0)
         # The inverse of a smooth increasing function, so that u(s) is smooth as well.
         inverse = make_interp_spline(travelled, fine, k=3)
         s = np.linspace(0.0, length, max(_KNOTS, len(q)))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 from ruckig import InputParameter, Result, Ruckig
@@ -18,12 +19,16 @@ ACCELERATION_TIME = 0.25
 JERK_TIME = 0.05
 """Time from zero to the acceleration limit at the jerk limit [s]."""
 
-_MARGIN = 1.0 - 1e-6  # share of the limits that is used, so that rounding never ends above one
-_GRID = 41  # points of a path at which its limits are evaluated
-_SPEEDS = np.linspace(0.3, 1.0, 15)  # shares of the speed limit tried on a curved path
+_MARGIN = 1.0 - 1e-4  # share of the limits that is used, for what lies between the samples
+_GRID = 41  # points of a path at which its limits are estimated
+_SAMPLES = 200  # instants of a motion at which they are evaluated
+_SPEEDS = np.geomspace(0.1, 1.0, 12)  # shares of the speed limit tried on a curved path
 _JERK_SHARES = (1.0, 0.7, 0.4)  # of the acceleration limit, to leave jerk to the curvature
+_LEAST = 0.05  # of the acceleration and jerk limits that a shape keeps on a tight curve
 _CHECK_RATE = 1000.0  # [Hz]
-_CLEARANCE_SAMPLES = 20  # configurations of an overlap that are checked for clearance
+_INSTANT = 1e-9  # [s]
+_OVERLAP_STEP = 1 / 250  # of overlaps, as a share of the time to accelerate to full speed
+_SHARE = 0.75  # of a motion, at most, that overlaps the one before it
 _SHRINK = 0.8  # of an overlap that is not clear
 
 
@@ -58,7 +63,12 @@ class MotionLimits:
 
 
 class TimeLaw:
-    """s(t) of one degree of freedom from rest to rest, s in [0, distance], by ruckig."""
+    """s(t) of one degree of freedom from rest to rest, s in [0, distance], by ruckig.
+
+    Attributes:
+        duration: [s].
+        changes: times at which the jerk jumps (8,), the last at the end [s].
+    """
 
     def __init__(self, distance: float, velocity: float, acceleration: float, jerk: float) -> None:
         request = InputParameter(1)
@@ -72,7 +82,8 @@ class TimeLaw:
             raise ValueError(f"ruckig finds no time law: {result}")
         profile = law.profiles[0][0]
         self.duration = float(law.duration)
-        self._starts = np.concatenate([[0.0], np.cumsum(profile.t)])[:-1]
+        self.changes = np.concatenate([[0.0], np.cumsum(profile.t)])
+        self._starts = self.changes[:-1]
         self._p, self._v, self._a = (np.array(x[:7]) for x in (profile.p, profile.v, profile.a))
         self._j = np.array(profile.j)
 
@@ -136,9 +147,18 @@ class Trajectory:
         return total[0], total[1], total[2], total[3]
 
     def usage(self, limits: MotionLimits) -> tuple[float, float, float]:
-        """Return the largest |qd|/v, |qdd|/a and |qddd|/j on a 1 kHz grid; 1 is at the limit."""
+        """Return the largest |qd|/v, |qdd|/a and |qddd|/j; 1 is at the limit.
+
+        On a 1 kHz grid, and on both sides of every instant at which a jerk jumps.
+        """
         t = np.linspace(0.0, self.duration, int(np.ceil(self.duration * _CHECK_RATE)) + 1)
+        t = np.concatenate([t, self.jumps()])
         return _usage(self.derivatives(t)[1:], limits)
+
+    def jumps(self) -> Array:
+        """Return times (N,) on both sides of every instant at which a jerk jumps [s]."""
+        changes = zip(self._laws, self.starts, strict=True)
+        return _around(np.concatenate([start + law.changes for law, start in changes]))
 
 
 def _along(path: Path, law: TimeLaw, t: Array) -> Array:
@@ -160,6 +180,11 @@ def _along(path: Path, law: TimeLaw, t: Array) -> Array:
     )
 
 
+def _around(times: Array) -> Array:
+    """Return instants just before and just after each, for what jumps there."""
+    return np.concatenate([times - _INSTANT, times + _INSTANT])
+
+
 def _usage(derivatives: Iterable[Array], limits: MotionLimits) -> tuple[float, float, float]:
     bounds = (limits.velocity, limits.acceleration, limits.jerk)
     v, a, j = (
@@ -169,11 +194,7 @@ def _usage(derivatives: Iterable[Array], limits: MotionLimits) -> tuple[float, f
 
 
 def time_path(path: Path, limits: MotionLimits) -> Trajectory:
-    """Return the trajectory of one path, from rest to rest.
-
-    Raises:
-        ValueError: if no time law holds the limits.
-    """
+    """Return the trajectory of one path, from rest to rest."""
     return Trajectory([path], [_law(path, limits)], [0.0])
 
 
@@ -190,78 +211,95 @@ def time_paths(
         paths: each begins where the one before ends.
         limits: of the joints.
         free: tells whether configurations (N, 6) around corner k, between paths k and k + 1, keep
-            their clearance.
-
-    Raises:
-        ValueError: if no time law holds the limits.
+            their clearance; they follow each other in small steps.
     """
     laws = [_law(path, limits) for path in paths]
-    tables = [_along(path, law, _grid(law)) for path, law in zip(paths, laws, strict=True)]
+    # In proportion to the time scale of the limits, so that the geometry is the same at any speed.
+    step = _OVERLAP_STEP * float(np.min(limits.velocity / limits.acceleration))
     starts, taken = [0.0], 0.0
     for corner in range(len(paths) - 1):
-        before, after = laws[corner], laws[corner + 1]
-        # Three motions never overlap at once.
-        most = min(before.duration - taken, after.duration)
-        taken = _widest(
-            tables[corner], tables[corner + 1], paths[corner].start, most, limits, free, corner
-        )
+        pair = slice(corner, corner + 2)
+        before, after = laws[pair]
+        # Three motions never overlap at once; the next corner shall have its share as well.
+        last = corner == len(paths) - 2
+        most = min(before.duration - taken, after.duration * (1.0 if last else _SHARE))
+        around = partial(free, corner)
+        taken = step * _widest(paths[pair], laws[pair], int(most / step), step, limits, around)
         starts.append(starts[-1] + before.duration - taken)
     return Trajectory(paths, laws, starts)
 
 
-def _grid(law: TimeLaw) -> Array:
-    """Return times (N,) [s] at the check rate, ending with the motion."""
-    count = int(np.ceil(law.duration * _CHECK_RATE))
-    return law.duration - np.arange(count, -1, -1) / _CHECK_RATE
-
-
 def _widest(
-    first: Array,
-    second: Array,
-    q_start: Array,
-    most: float,
+    paths: Sequence[Path],
+    laws: Sequence[TimeLaw],
+    most: int,
+    step: float,
     limits: MotionLimits,
-    free: Callable[[int, Array], bool],
-    corner: int,
-) -> float:
-    """Return the longest overlap of two motions, tabulated (4, N, 6), that is allowed [s]."""
-    count = int(most * _CHECK_RATE)
+    free: Callable[[Array], bool],
+) -> int:
+    """Return for how many steps, at most, two motions may overlap."""
+    grid = step * np.arange(most + 1)
+    first = _along(paths[0], laws[0], laws[0].duration - grid[::-1])
+    second = _along(paths[1], laws[1], grid)
+    count = most
     while count > 0:
         # The second begins `count` steps before the first ends; compare them step by step.
-        total = first[:, -count - 1 :] + second[:, : count + 1]
-        if max(_usage(total[1:], limits)) > 1.0:
+        total = first[:, most - count :] + second[:, : count + 1]
+        if max(_usage(total[1:], limits)) > 1.0 or not _smooth(paths, laws, count * step, limits):
             count -= 1
-        elif not free(corner, q_start + total[0, :: max(1, count // _CLEARANCE_SAMPLES)]):
+        elif not free(paths[0].start + total[0]):
             count = int(count * _SHRINK)
         else:
             break
-    return count / _CHECK_RATE
+    return count
+
+
+def _smooth(
+    paths: Sequence[Path], laws: Sequence[TimeLaw], overlap: float, limits: MotionLimits
+) -> bool:
+    """Tell whether two motions hold the limits where a jerk jumps in their overlap [s]."""
+    both = Trajectory(paths, laws, [0.0, laws[0].duration - overlap])
+    t = both.jumps()
+    t = t[(t > both.starts[1]) & (t < laws[0].duration)]
+    return max(_usage(both.derivatives(t)[1:], limits)) <= 1.0
 
 
 def _law(path: Path, limits: MotionLimits) -> TimeLaw:
-    """Return the quickest law within path limits (V, A, J) that imply the joint limits.
+    """Return the quickest of the laws that just hold the joint limits along a path.
 
-    |q1| V <= v, |q2| V^2 + |q1| A <= a, |q3| V^3 + 3 |q2| V A + |q1| J <= j all along the path,
-    with q1, q2, q3 its derivatives. What the curvature leaves is shared out differently by each
-    choice of V and A.
+    Their shapes come from path limits (V, A, J) with |q1| V <= v, |q2| V^2 + |q1| A <= a and
+    |q3| V^3 + 3 |q2| V A + |q1| J <= j, where q1, q2, q3 are the derivatives of the path. Each
+    choice of V and A shares out differently what the curvature leaves.
     """
+    if path.length == 0.0:
+        return TimeLaw(0.0, 1.0, 1.0, 1.0)
     grid = np.linspace(0.0, path.length, _GRID)
     first, second, third = (np.abs(path(grid, order)) for order in (1, 2, 3))
     first = np.maximum(first, 1e-12)
-    fastest = float(np.min(limits.velocity / first))
+    fastest, quickest, sharpest = (
+        float(np.min(limit / first))
+        for limit in (limits.velocity, limits.acceleration, limits.jerk)
+    )
     straight = np.max(second) * fastest**2 < 1e-9 * np.min(limits.acceleration)
-    best: TimeLaw | None = None
+    shapes = []
     for share in (1.0,) if straight else _SPEEDS:
-        v = _MARGIN * share * fastest
+        v = share * fastest
         most = float(np.min((limits.acceleration - second * v**2) / first))
         for part in (1.0,) if straight else _JERK_SHARES:
-            a = _MARGIN * part * most
-            j = _MARGIN * float(np.min((limits.jerk - third * v**3 - 3 * second * v * a) / first))
-            if a <= 0 or j <= 0:
-                continue
-            law = TimeLaw(path.length, v, a, j)
-            if best is None or law.duration < best.duration:
-                best = law
-    if best is None:
-        raise ValueError("no time law holds the joint limits on this path")
-    return best
+            a = part * max(most, _LEAST * quickest)
+            j = float(np.min((limits.jerk - third * v**3 - 3 * second * v * a) / first))
+            shapes.append((v, a, max(j, _LEAST * sharpest)))
+    best = min(shapes, key=lambda shape: _fitted(path, shape, limits, _SAMPLES).duration)
+    return _fitted(path, best, limits, 10 * _SAMPLES)
+
+
+def _fitted(
+    path: Path, shape: tuple[float, float, float], limits: MotionLimits, samples: int
+) -> TimeLaw:
+    """Return the law within (V, A, J), scaled in time until it touches its tightest limit."""
+    v, a, j = shape
+    law = TimeLaw(path.length, v, a, j)
+    t = np.concatenate([np.linspace(0.0, law.duration, samples), _around(law.changes)])
+    used = _usage(_along(path, law, t)[1:], limits)
+    stretch = max(share ** (1 / order) for order, share in enumerate(used, start=1)) / _MARGIN
+    return TimeLaw(path.length, v / stretch, a / stretch**2, j / stretch**3)

@@ -142,8 +142,7 @@ def test_a_failed_cycle_leaves_the_next_as_if_it_had_not_been(scene, limits, def
         all_from_start=False,
     )
     scores = [
-        score
-        for score in run_episode(scene, episode, mass=1.0, limits=limits, probe=wreck(kind))
+        score for score in run_episode(scene, episode, mass=1.0, limits=limits, probe=wreck(kind))
     ]
     assert not scores[0].success
     assert scores[1].success, scores[1].cause
