@@ -9,19 +9,20 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 
+from kr210_sim.arrays import Array
 from kr210_sim.collision import MujocoOracle
 from kr210_sim.control import Controller
 from kr210_sim.criteria import REST_TIME
 from kr210_sim.exceptions import CycleFailure
 from kr210_sim.monitor import Monitor
 from kr210_sim.offsets import ik_offsets
-from kr210_sim.planning import CyclePlan, CyclePlanner
+from kr210_sim.planning import CyclePlanner, Motion
 from kr210_sim.record import RECORD_STEP, CycleRecord, Event
 from kr210_sim.scene import Target
 from kr210_sim.simulation import Simulation
 from kr210_sim.task import pick_options, place_options, release_point
 from kr210_sim.tracks import Solver
-from kr210_sim.trajectory import MotionLimits, time_path
+from kr210_sim.trajectory import MotionLimits, Trajectory, time_paths
 
 Probe = Callable[[Simulation, str, float], None]
 """Called before every record step with the simulation, the stage and the time [s]: tests disturb
@@ -35,6 +36,12 @@ ARRIVED = 1e-4
 
 GRIP_READY = 0.9
 """Share of the grip force at which the lift may start."""
+
+CLOSE_EARLY = 0.05
+"""The fingers start to close this long before the arm stops around the target [s]."""
+
+FINGERS_FREE = 6e-3
+"""The arm may retreat when both fingers have opened this far and touch nothing [m]."""
 
 FINGERS_OPEN = 1e-3
 """The gripper counts as open this close to its open position [m]."""
@@ -63,6 +70,14 @@ class CycleSetup:
     solver: Solver | None = None
 
 
+@dataclass(frozen=True, kw_only=True)
+class TimedMotion:
+    """A motion from stop to stop: the stage of each of its legs, and the trajectory."""
+
+    stages: tuple[str, ...]
+    trajectory: Trajectory
+
+
 class _Cycle:
     """The state of a running cycle."""
 
@@ -74,6 +89,7 @@ class _Cycle:
         self.monitor = Monitor(simulation)
         self.controller = Controller(simulation)
         self.stage = "MOVE_TO_PICK"
+        self.closing = False
         self.home_time: float | None = None
         self._chunk = round(RECORD_STEP / simulation.model.opt.timestep)
 
@@ -102,14 +118,17 @@ class _Cycle:
                 raise failure
             self.advance()
 
-    def move(self, plan: CyclePlan, stage: str) -> None:
-        """Run one planned motion to its end."""
-        self.stage = stage
-        path = plan.legs[stage].path
-        self.controller.follow(time_path(path, self.setup.limits))
+    def move(self, motion: TimedMotion) -> None:
+        """Run one planned motion to its end, stage by stage."""
+        begun = self.monitor.time
+        self.controller.follow(motion.trajectory)
         while self.controller.moving:
+            elapsed = self.monitor.time - begun
+            self.enter(motion.stages[motion.trajectory.part_at(elapsed)])
+            if self.stage == "APPROACH" and motion.trajectory.duration - elapsed < CLOSE_EARLY:
+                self.close_gripper()
             self.advance()
-        end = path.end
+        end, stage = motion.trajectory.end, self.stage
         self.wait(
             lambda: bool(np.max(np.abs(self.monitor.q - end)) < ARRIVED),
             WAIT_LIMIT,
@@ -118,40 +137,58 @@ class _Cycle:
             ),
         )
 
-    def run(self, plan: CyclePlan) -> None:
+    def enter(self, stage: str) -> None:
+        """Go on to a stage; a target that did not come along with the lift ends the cycle."""
+        if self.stage == "LIFT" and stage != "LIFT" and not self.monitor.lifted:
+            raise CycleFailure("missed_grasp", "the target did not come along")
+        self.stage = stage
+
+    def run(self, motions: list[TimedMotion]) -> None:
         """Go through the stages; raises CycleFailure or _Stopped where one cannot go on."""
-        robot, monitor = self.scene.robot, self.monitor
-        self.move(plan, "MOVE_TO_PICK")
-        self.move(plan, "APPROACH")
-        self.stage = "CLOSE_GRIPPER"
-        self.controller.drive_fingers(robot.finger_closed)
-        enough = GRIP_READY * robot.grip_force / 2
+        for motion in motions:
+            self.move(motion)
+            if self.stage == "APPROACH":
+                self.grasp()
+            elif self.stage == "LOWER":
+                self.release()
+        self.home_time = self.monitor.time
+        self.stage = "SETTLE"
         self.wait(
-            lambda: bool(np.min(monitor.force) >= enough),
+            lambda: self.monitor.resting_for >= REST_TIME,
+            SETTLE_LIMIT,
+            CycleFailure("outside_bin", "the target does not come to rest"),
+        )
+
+    def close_gripper(self) -> None:
+        """Start closing, once."""
+        if not self.closing:
+            self.closing = True
+            self.controller.drive_fingers(self.scene.robot.finger_closed)
+
+    def grasp(self) -> None:
+        """Close on the target until the grip force is there."""
+        self.stage = "CLOSE_GRIPPER"
+        self.close_gripper()
+        enough = GRIP_READY * self.scene.robot.grip_force / 2
+        self.wait(
+            lambda: bool(np.min(self.monitor.force) >= enough),
             WAIT_LIMIT,
             CycleFailure("missed_grasp", "the fingers do not close on the target"),
         )
-        self.move(plan, "LIFT")
-        if not monitor.lifted:
-            raise CycleFailure("missed_grasp", "the target did not come along")
-        for stage in ("WITHDRAW", "MOVE_TO_PLACE", "LOWER"):
-            self.move(plan, stage)
+
+    def release(self) -> None:
+        """Open until the fingers have come free of the target; they go on opening meanwhile."""
         self.stage = "OPEN_GRIPPER"
-        monitor.released = True
-        self.controller.drive_fingers(robot.finger_open)
+        self.monitor.released = True
+        held = np.array(self.monitor.finger_position)
+        self.controller.drive_fingers(self.scene.robot.finger_open)
         self.wait(
-            lambda: self.fingers_open() and not monitor.touching.any(),
+            lambda: (
+                not self.monitor.touching.any()
+                and bool(np.min(np.abs(self.monitor.finger_position - held)) > FINGERS_FREE)
+            ),
             WAIT_LIMIT,
             CycleFailure("not_released", "the fingers do not come free of the target"),
-        )
-        self.move(plan, "RETREAT")
-        self.move(plan, "MOVE_HOME")
-        self.home_time = monitor.time
-        self.stage = "SETTLE"
-        self.wait(
-            lambda: monitor.resting_for >= REST_TIME,
-            SETTLE_LIMIT,
-            CycleFailure("outside_bin", "the target does not come to rest"),
         )
 
     def fingers_open(self) -> bool:
@@ -215,8 +252,7 @@ def run_cycle(
     started = time.perf_counter()
     events: list[Event] = []
     try:
-        plan = _plan(cycle, record)
-        cycle.run(plan)
+        cycle.run(_plan(cycle, record))
     except CycleFailure as failure:
         events.append(
             Event(
@@ -246,7 +282,7 @@ def run_cycle(
     return record
 
 
-def _plan(cycle: _Cycle, record: CycleRecord) -> CyclePlan:
+def _plan(cycle: _Cycle, record: CycleRecord) -> list[TimedMotion]:
     """Plan the cycle and note in the record what was asked and answered."""
     simulation, target, scene = cycle.simulation, cycle.target, cycle.scene
     started = time.perf_counter()
@@ -262,9 +298,22 @@ def _plan(cycle: _Cycle, record: CycleRecord) -> CyclePlan:
             picks=pick_options(target.T_base_target, scene.cell(target.cell).T_base_cell),
             places=place_options(release),
         )
+        motions = [_timed(motion, oracle, cycle.setup.limits) for motion in plan.motions]
     finally:
         record.wall_clock["plan_time_s"] = time.perf_counter() - started
     record.wall_clock["ik_time_s"] = plan.seconds_per_pose
     record.p_base_release = plan.p_base_release
     record.ik_offset_m, record.ik_offset_rad = ik_offsets(simulation, plan.solved)
-    return plan
+    return motions
+
+
+def _timed(motion: Motion, oracle: MujocoOracle, limits: MotionLimits) -> TimedMotion:
+    """Give a motion its time law, rounding the corners as far as they stay clear."""
+
+    def free(corner: int, q: Array) -> bool:
+        before, after = motion[corner : corner + 2]
+        clearance = min(before.clearance, after.clearance)
+        return oracle.blocked(q, hand=after.hand, clearance=clearance) is None
+
+    trajectory = time_paths([leg.path for leg in motion], limits, free)
+    return TimedMotion(stages=tuple(leg.stage for leg in motion), trajectory=trajectory)

@@ -15,26 +15,33 @@ _NORM = 8.0
 
 _FINE = 400  # samples of the arc-length integral
 _KNOTS = 60  # samples that the reparametrised spline passes through
+_NOWHERE = 1e-12  # length up to which a path goes nowhere [s]
 
 
 class Path:
-    """A curve q(s), s in [0, 1], through joint space.
+    """A curve q(s) through joint space, s in [0, length].
 
-    s is proportional to the arc length in the velocity-weighted norm (sum_j |dq_j / v_j|^8)^(1/8),
-    so that a constant ds/dt uses about the same share of the velocity limits everywhere.
+    s is arc length in the velocity-weighted norm (sum_j |dq_j / v_j|^8)^(1/8), unit seconds: at
+    ds/dt = 1 about the fastest joint moves at its velocity limit.
+
+    Attributes:
+        length: [s]; 0 for a path that goes nowhere.
     """
 
-    def __init__(self, spline: BSpline) -> None:
-        self._derivatives = [spline]
+    def __init__(self, curve: BSpline, length: float) -> None:
+        self._derivatives = [curve]
         for _ in range(3):
             self._derivatives.append(self._derivatives[-1].derivative())
+        self.length = length
 
     @classmethod
-    def straight(cls, q_start: Array, q_end: Array) -> Path:
+    def straight(cls, q_start: Array, q_end: Array, velocity: Array) -> Path:
         """Return the straight joint line between two configurations (6,) [rad]."""
-        s = np.linspace(0.0, 1.0, _DEGREE + 1)
-        points = q_start + s[:, None] * (q_end - q_start)
-        return cls(make_interp_spline(s, points, k=_DEGREE))
+        length = float(np.sum(np.abs((q_end - q_start) / velocity) ** _NORM) ** (1 / _NORM))
+        length = length if length > _NOWHERE else 0.0
+        share = np.linspace(0.0, 1.0, _DEGREE + 1)
+        points = q_start + share[:, None] * (q_end - q_start)
+        return cls(make_interp_spline(share * (length or 1.0), points, k=_DEGREE), length)
 
     @classmethod
     def through(cls, q: Array, velocity: Array) -> Path:
@@ -48,15 +55,17 @@ class Path:
         curve = make_interp_spline(u, q, k=_DEGREE)
         fine = np.linspace(0.0, 1.0, _FINE)
         rate = np.sum(np.abs(curve.derivative()(fine) / velocity) ** _NORM, axis=1) ** (1 / _NORM)
-        length = np.concatenate([[0.0], np.cumsum((rate[1:] + rate[:-1]) / 2)])
-        if length[-1] < 1e-12:
-            return cls(curve)
+        travelled = np.cumsum((rate[1:] + rate[:-1]) / (2 * (_FINE - 1)))
+        travelled = np.concatenate([[0.0], travelled])
+        length = float(travelled[-1])
+        if length <= _NOWHERE:
+            return cls(curve, 0.0)
         # The inverse of a smooth increasing function, so that u(s) is smooth as well.
-        inverse = make_interp_spline(length / length[-1], fine, k=3)
-        s = np.linspace(0.0, 1.0, max(_KNOTS, len(q)))
+        inverse = make_interp_spline(travelled, fine, k=3)
+        s = np.linspace(0.0, length, max(_KNOTS, len(q)))
         u_of_s = np.clip(inverse(s), 0.0, 1.0)
         u_of_s[0], u_of_s[-1] = 0.0, 1.0
-        return cls(make_interp_spline(s, curve(u_of_s), k=_DEGREE))
+        return cls(make_interp_spline(s, curve(u_of_s), k=_DEGREE), length)
 
     def __call__(self, s: Array, order: int = 0) -> Array:
         """Return the derivative of that order (0 to 3) of q with respect to s: (N,) -> (N, 6)."""
@@ -70,11 +79,11 @@ class Path:
     @property
     def end(self) -> Array:
         """Last configuration (6,) [rad]."""
-        return np.asarray(self(np.ones(1))[0])
+        return np.asarray(self(np.array([self.length]))[0])
 
     def samples(self, step: float) -> Array:
         """Return configurations (N, 6) no further apart than `step` [rad] in any joint."""
-        coarse = self(np.linspace(0.0, 1.0, 33))
+        coarse = self(np.linspace(0.0, self.length, 33))
         travel = float(np.max(np.sum(np.abs(np.diff(coarse, axis=0)), axis=0)))
         count = max(2, int(np.ceil(1.3 * travel / step)) + 1)
-        return self(np.linspace(0.0, 1.0, count))
+        return self(np.linspace(0.0, self.length, count))

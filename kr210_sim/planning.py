@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from enum import Enum
-from typing import Protocol
+from itertools import pairwise
+from typing import Protocol, TypeAlias
 
 import numpy as np
 
@@ -36,10 +37,14 @@ DETOURS = (
     (0.8, 0.2),
     (0.9, 0.0),
 )
-"""Bulges tried on a joint move, (towards axis 1, upwards) at mid-move [m], least first."""
+"""Detours tried on a joint move, (towards axis 1, upwards) at mid-move [m], least first."""
 
 MAX_TRIALS = 60
 """Combinations of pick and place checked before the cycle is given up."""
+
+
+STOPS = frozenset({"APPROACH", "LOWER"})
+"""Stages at whose end the arm stops: to grasp and to release."""
 
 
 class Hand(Enum):
@@ -62,11 +67,23 @@ class ClearanceOracle(Protocol):
 
 @dataclass(frozen=True, kw_only=True)
 class Leg:
-    """One motion: its stage, its path, and whether the TCP moves on a straight line."""
+    """A joint path, the stage it belongs to, and what it was checked for.
+
+    Attributes:
+        stage: one of `record.STAGES`; a detour makes two legs of one stage.
+        path: the geometry.
+        hand: what the gripper and the target do meanwhile.
+        clearance: kept to everything else [m].
+    """
 
     stage: str
     path: Path
-    straight: bool
+    hand: Hand
+    clearance: float
+
+
+Motion: TypeAlias = tuple[Leg, ...]
+"""Legs from one stop to the next."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -87,13 +104,13 @@ class CyclePlan:
     """The motions of one cycle by stage, and the poses that were solved for them.
 
     Attributes:
-        legs: by stage, in order.
+        motions: in order, each from one stop to the next.
         solved: of the chosen tracks.
         p_base_release: (3,) TCP at the release.
         seconds_per_pose: spent in the IK, over all poses it was asked for [s].
     """
 
-    legs: dict[str, Leg]
+    motions: tuple[Motion, ...]
     solved: SolvedPoses
     p_base_release: Array
     seconds_per_pose: float
@@ -203,46 +220,60 @@ class CyclePlanner:
             if isinstance(transfer, str):
                 blocked_by = transfer
                 continue
-            return self._finish([*pick, transfer, *place], picks[i], places[j])
+            return self._finish([*pick, *transfer, *place], picks[i], places[j])
         return blocked_by
 
     def _pick_legs(self, q_home: Array, track: Track) -> list[Leg] | str:
         move = self._move("MOVE_TO_PICK", q_home, track.q[0], Hand.EMPTY)
         if isinstance(move, str):
             return move
-        legs = [move]
+        legs = list(move)
         for number, (stage, hand) in enumerate(
-            (("APPROACH", Hand.AROUND), ("LIFT", Hand.LIFTING), ("WITHDRAW", Hand.LIFTING))
+            (("APPROACH", Hand.AROUND), ("LIFT", Hand.LIFTING), ("WITHDRAW", Hand.HOLDING))
         ):
-            q = track.part(number)
-            if what := self._oracle.blocked(q, hand=hand, clearance=CLEARANCE_CELL):
-                return f"{what} in {stage}"
-            legs.append(self._line(stage, q))
+            line = self._line(stage, track.part(number), hand, CLEARANCE_CELL)
+            if isinstance(line, str):
+                return line
+            legs.append(line)
         return legs
 
     def _place_legs(self, q_home: Array, track: Track) -> list[Leg] | str:
-        if what := self._oracle.blocked(track.q, hand=Hand.HOLDING, clearance=CLEARANCE_FREE):
-            return f"{what} in LOWER"
+        lower = self._line("LOWER", track.q, Hand.HOLDING, CLEARANCE_FREE)
+        if isinstance(lower, str):
+            return lower
+        retreat = self._line("RETREAT", track.q[::-1], Hand.RELEASED, CLEARANCE_FREE)
+        if isinstance(retreat, str):
+            return retreat
         move = self._move("MOVE_HOME", track.q[0], q_home, Hand.RELEASED)
-        if isinstance(move, str):
-            return move
-        return [self._line("LOWER", track.q), self._line("RETREAT", track.q[::-1]), move]
+        return move if isinstance(move, str) else [lower, retreat, *move]
 
-    def _line(self, stage: str, q: Array) -> Leg:
-        return Leg(stage=stage, path=Path.through(q, self._robot.velocity), straight=True)
+    def _line(self, stage: str, q: Array, hand: Hand, clearance: float) -> Leg | str:
+        """Return the leg along solved poses (N, 6), or what blocks it."""
+        if what := self._oracle.blocked(q, hand=hand, clearance=clearance):
+            return f"{what} in {stage}"
+        path = Path.through(q, self._robot.velocity)
+        return Leg(stage=stage, path=path, hand=hand, clearance=clearance)
 
-    def _move(self, stage: str, q_from: Array, q_to: Array, hand: Hand) -> Leg | str:
-        """Return a free joint move, straight if possible, else the least bulge that is free."""
+    def _move(self, stage: str, q_from: Array, q_to: Array, hand: Hand) -> list[Leg] | str:
+        """Return a free joint move, straight if possible, else by the least detour that is free."""
         bulges = self._bulges(q_from, q_to)
         what: str | None = "a joint limit"
         for inward, upward in DETOURS:
-            path = self._bulging(q_from, q_to, inward * bulges[0] + upward * bulges[1])
-            q = path.samples(CHECK_STEP)
-            if not np.all(ik.within_limits(q, self._robot.lower, self._robot.upper)):
+            via = (q_from + q_to) / 2 + inward * bulges[0] + upward * bulges[1]
+            corners = [q_from, via, q_to] if inward or upward else [q_from, q_to]
+            paths = [Path.straight(a, b, self._robot.velocity) for a, b in pairwise(corners)]
+            if not np.all(ik.within_limits(via, self._robot.lower, self._robot.upper)):
                 continue
+            q = np.concatenate([path.samples(CHECK_STEP) for path in paths])
+            if len(paths) > 1:  # the trajectory will round the corner: its inside must be free too
+                rounded = Path.through(_parabola(q_from, via, q_to), self._robot.velocity)
+                q = np.concatenate([q, rounded.samples(CHECK_STEP)])
             what = self._oracle.blocked(q, hand=hand, clearance=CLEARANCE_FREE)
             if what is None:
-                return Leg(stage=stage, path=path, straight=False)
+                return [
+                    Leg(stage=stage, path=path, hand=hand, clearance=CLEARANCE_FREE)
+                    for path in paths
+                ]
         return f"{what} in {stage}"
 
     def _bulges(self, q_from: Array, q_to: Array) -> Array:
@@ -259,21 +290,30 @@ class CyclePlanner:
         damped = jacobian @ jacobian.T + 1e-2 * np.eye(6)
         return np.asarray(np.linalg.solve(damped, twists.T).T @ jacobian)
 
-    def _bulging(self, q_from: Array, q_to: Array, offset: Array) -> Path:
-        if not np.any(offset):
-            return Path.straight(q_from, q_to)
-        u = np.linspace(0.0, 1.0, 41)[:, None]
-        q = q_from + u * (q_to - q_from) + 4 * u * (1 - u) * offset
-        return Path.through(q, self._robot.velocity)
-
     def _finish(self, legs: list[Leg], pick: Track, place: Track) -> CyclePlan:
         solved = SolvedPoses(
             T_base_palm=np.concatenate([pick.T_base_palm, place.T_base_palm]),
             q=np.concatenate([pick.q, place.q]),
         )
         return CyclePlan(
-            legs={leg.stage: leg for leg in legs},
+            motions=_motions(legs),
             solved=solved,
             p_base_release=self._robot.forward(place.q[-1])[:3, 3],
             seconds_per_pose=self._finder.seconds / self._finder.poses,
         )
+
+
+def _parabola(q_from: Array, q_via: Array, q_to: Array) -> Array:
+    """Return points (N, 6) of the parabola with tangents q_from - q_via and q_via - q_to."""
+    u = np.linspace(0.0, 1.0, 21)[:, None]
+    return (1 - u) ** 2 * q_from + 2 * u * (1 - u) * q_via + u**2 * q_to
+
+
+def _motions(legs: list[Leg]) -> tuple[Motion, ...]:
+    """Group legs into motions that end where the arm must stop."""
+    motions: list[list[Leg]] = [[]]
+    for leg in legs:
+        motions[-1].append(leg)
+        if leg.stage in STOPS:
+            motions.append([])
+    return tuple(tuple(motion) for motion in motions)

@@ -1,8 +1,10 @@
-"""Path + limits -> Trajectory: the jerk-limited time law of a motion, by ruckig."""
+"""Paths + limits -> Trajectory: jerk-limited time laws by ruckig, overlapped at corners."""
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 from ruckig import InputParameter, Result, Ruckig
@@ -15,9 +17,17 @@ from kr210_sim.robot import ACCELERATION_TIME
 JERK_TIME = 0.05
 """Time from zero to the acceleration limit at the jerk limit [s]."""
 
-_CHECK_RATE = 1000.0  # [Hz], the grid on which the limits are verified
-_LIMIT_MARGIN = 1.0 - 1e-6  # aimed at, so that rounding never ends above a limit
-_ROUNDS = 12
+_MARGIN = 1.0 - 1e-4  # share of the limits that is used, for what lies between the samples
+_GRID = 41  # points of a path at which its limits are estimated
+_SAMPLES = 200  # instants of a motion at which they are evaluated
+_SPEEDS = np.geomspace(0.1, 1.0, 12)  # shares of the speed limit tried on a curved path
+_JERK_SHARES = (1.0, 0.7, 0.4)  # of the acceleration limit, to leave jerk to the curvature
+_LEAST = 0.05  # of the acceleration and jerk limits that a shape keeps on a tight curve
+_CHECK_RATE = 1000.0  # [Hz]
+_INSTANT = 1e-9  # [s]
+_OVERLAP_STEP = 1 / 250  # of overlaps, as a share of the time to accelerate to full speed
+_SHARE = 0.75  # of a motion, at most, that overlaps the one before it
+_SHRINK = 0.8  # of an overlap that is not clear
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -51,103 +61,243 @@ class MotionLimits:
 
 
 class TimeLaw:
-    """s(t) of one degree of freedom from rest to rest, s in [0, distance], within limits."""
+    """s(t) of one degree of freedom from rest to rest, s in [0, distance], by ruckig.
+
+    Attributes:
+        duration: [s].
+        changes: times at which the jerk jumps (8,), the last at the end [s].
+    """
 
     def __init__(self, distance: float, velocity: float, acceleration: float, jerk: float) -> None:
         request = InputParameter(1)
-        request.current_position = [0.0]
-        request.target_position = [distance]
+        request.current_position, request.target_position = [0.0], [distance]
         request.max_velocity = [velocity]
         request.max_acceleration = [acceleration]
         request.max_jerk = [jerk]
-        self._law = RuckigTrajectory(1)
-        result = Ruckig(1).calculate(request, self._law)
+        law = RuckigTrajectory(1)
+        result = Ruckig(1).calculate(request, law)
         if result not in (Result.Working, Result.Finished):
             raise ValueError(f"ruckig finds no time law: {result}")
-        self.duration = float(self._law.duration)
+        profile = law.profiles[0][0]
+        self.duration = float(law.duration)
+        self.changes = np.concatenate([[0.0], np.cumsum(profile.t)])
+        self._starts = self.changes[:-1]
+        self._p, self._v, self._a = (np.array(x[:7]) for x in (profile.p, profile.v, profile.a))
+        self._j = np.array(profile.j)
 
-    def __call__(self, t: Array) -> tuple[Array, Array, Array]:
-        """Return position, velocity and acceleration, each (N,), at times t (N,) [s]."""
-        clipped = np.clip(t, 0.0, self.duration)
-        rows = np.array([self._law.at_time(float(time)) for time in clipped])[:, :, 0]
-        return rows[:, 0], rows[:, 1], rows[:, 2]
-
-    def jerk(self, t: Array) -> Array:
-        """Return the jerk (N,) at times t (N,) [s], from ruckig's constant-jerk sections."""
-        profile = self._law.profiles[0][0]
-        section = np.searchsorted(np.cumsum(profile.t), t, side="right")
-        return np.append(profile.j, 0.0)[np.minimum(section, len(profile.t))]
+    def __call__(self, t: Array) -> tuple[Array, Array, Array, Array]:
+        """Return position, velocity, acceleration and jerk, each (N,), at times t (N,) [s]."""
+        t = np.clip(t, 0.0, self.duration)
+        phase = np.searchsorted(self._starts, t, side="right") - 1
+        dt = t - self._starts[phase]
+        p, v, a, j = (x[phase] for x in (self._p, self._v, self._a, self._j))
+        return (
+            p + dt * (v + dt * (a / 2 + dt * j / 6)),
+            v + dt * (a + dt * j / 2),
+            a + dt * j,
+            j,
+        )
 
 
 class Trajectory:
-    """A path with its time law: traj(t) -> q, qd, qdd; rest at both ends.
+    """Motions from rest to rest, each begun before the one before has ended.
+
+    q(t) = q_1(t) + sum_k (q_k(t - start_k) - q_k(0)): while two overlap, one brakes and the next
+    speeds up, and their sum rounds the corner between their paths. Scaling all limits by a time
+    factor scales starts and durations alike, so the curve in space does not depend on the speed.
 
     Attributes:
-        path: the geometry.
-        duration: [s].
+        paths: of the motions, in order; each begins where the one before ends.
+        starts: when each begins [s].
+        duration: of the whole [s].
     """
 
-    def __init__(self, path: Path, law: TimeLaw) -> None:
-        self.path = path
-        self._law = law
-        self.duration = law.duration
+    def __init__(self, paths: Sequence[Path], laws: Sequence[TimeLaw], starts: Sequence[float]):
+        self.paths, self._laws = tuple(paths), tuple(laws)
+        self.starts = np.array(starts, dtype=float)
+        self._ends = self.starts + [law.duration for law in laws]
+        self.duration = float(self._ends[-1])
+
+    @property
+    def end(self) -> Array:
+        """Last configuration (6,) [rad]."""
+        return self.paths[-1].end
+
+    def part_at(self, t: float) -> int:
+        """Return which motion is under way at a time [s]; in an overlap, from its middle on."""
+        changes = (self._ends[:-1] + self.starts[1:]) / 2
+        return int(np.searchsorted(changes, t, side="right"))
 
     def __call__(self, t: Array) -> tuple[Array, Array, Array]:
         """Return q, qd, qdd, each (N, 6) [rad, rad/s, rad/s^2], at times t (N,) [s]."""
-        s, ds, dds = (column[:, None] for column in self._law(t))
-        q1, q2 = self.path(s[:, 0], 1), self.path(s[:, 0], 2)
-        return self.path(s[:, 0]), q1 * ds, q1 * dds + q2 * ds**2
+        q, qd, qdd, _ = self.derivatives(t)
+        return q, qd, qdd
+
+    def derivatives(self, t: Array) -> tuple[Array, Array, Array, Array]:
+        """Return q and its first three derivatives, each (N, 6), at times t (N,) [s]."""
+        t = np.asarray(t, dtype=float)
+        total = np.zeros((4, len(t), 6))
+        total[0] = self.paths[0].start
+        for path, law, start in zip(self.paths, self._laws, self.starts, strict=True):
+            begun = t > start
+            if np.any(begun):
+                total[:, begun] += _along(path, law, t[begun] - start)
+        return total[0], total[1], total[2], total[3]
 
     def usage(self, limits: MotionLimits) -> tuple[float, float, float]:
-        """Return the largest |qd|/v, |qdd|/a and |qddd|/j on a 1 kHz grid; 1 is at the limit."""
-        count = int(np.ceil(self.duration * _CHECK_RATE)) + 1
-        t = np.linspace(0.0, self.duration, count)
-        s, ds, dds = self._law(t)
-        q1, q2, q3 = (self.path(s, order) for order in (1, 2, 3))
-        ds, dds, ddds = ds[:, None], dds[:, None], self._law.jerk(t)[:, None]
-        velocity = q1 * ds
-        acceleration = q1 * dds + q2 * ds**2
-        jerk = q1 * ddds + 3 * q2 * ds * dds + q3 * ds**3
-        return (
-            float(np.max(np.abs(velocity) / limits.velocity)),
-            float(np.max(np.abs(acceleration) / limits.acceleration)),
-            float(np.max(np.abs(jerk) / limits.jerk)),
-        )
+        """Return the largest |qd|/v, |qdd|/a and |qddd|/j; 1 is at the limit.
+
+        On a 1 kHz grid, and on both sides of every instant at which a jerk jumps.
+        """
+        t = np.linspace(0.0, self.duration, int(np.ceil(self.duration * _CHECK_RATE)) + 1)
+        t = np.concatenate([t, self.jumps()])
+        return _usage(self.derivatives(t)[1:], limits)
+
+    def jumps(self) -> Array:
+        """Return times (N,) on both sides of every instant at which a jerk jumps [s]."""
+        changes = zip(self._laws, self.starts, strict=True)
+        return _around(np.concatenate([start + law.changes for law, start in changes]))
+
+
+def _along(path: Path, law: TimeLaw, t: Array) -> Array:
+    """Return q - q(0) and three derivatives (4, N, 6) of one motion at times t (N,) [s].
+
+    The chain rule for q(s(t)), with q1, q2, q3 the derivatives along the path and ds, dds, ddds
+    those of the time law; after its end a motion stays where it is.
+    """
+    s, ds, dds, ddds = (x[:, None] for x in law(t))
+    q1, q2, q3 = (path(s[:, 0], order) for order in (1, 2, 3))
+    ddds = np.where(t[:, None] < law.duration, ddds, 0.0)
+    return np.stack(
+        [
+            path(s[:, 0]) - path.start,
+            q1 * ds,
+            q1 * dds + q2 * ds**2,
+            q1 * ddds + 3 * q2 * ds * dds + q3 * ds**3,
+        ]
+    )
+
+
+def _around(times: Array) -> Array:
+    """Return instants just before and just after each, for what jumps there."""
+    return np.concatenate([times - _INSTANT, times + _INSTANT])
+
+
+def _usage(derivatives: Iterable[Array], limits: MotionLimits) -> tuple[float, float, float]:
+    bounds = (limits.velocity, limits.acceleration, limits.jerk)
+    v, a, j = (
+        float(np.max(np.abs(x) / bound)) for x, bound in zip(derivatives, bounds, strict=True)
+    )
+    return v, a, j
 
 
 def time_path(path: Path, limits: MotionLimits) -> Trajectory:
-    """Give a path the fastest rest-to-rest law of constant path limits that the joints allow.
+    """Return the trajectory of one path, from rest to rest."""
+    return Trajectory([path], [_law(path, limits)], [0.0])
 
-    The joint limits bound ds/dt and its derivatives along the path,
-    qd = q' s', qdd = q' s'' + q'' s'^2, qddd = q' s''' + 3 q'' s' s'' + q''' s'^3,
-    so the law's three limits start from q' alone and are rescaled in time (v/k, a/k^2, j/k^3) until
-    the verified trajectory touches its tightest limit and exceeds none.
+
+def time_paths(
+    paths: Sequence[Path],
+    limits: MotionLimits,
+    free: Callable[[int, Array], bool] = lambda corner, q: True,
+) -> Trajectory:
+    """Return the trajectory of a chain of paths without a stop in between.
+
+    Neighbours overlap in time as far as the joint limits hold and the rounded corner is free.
+
+    Args:
+        paths: each begins where the one before ends.
+        limits: of the joints.
+        free: tells whether configurations (N, 6) around corner k, between paths k and k + 1, keep
+            their clearance; they follow each other in small steps.
     """
-    grid = np.linspace(0.0, 1.0, 101)
-    rate = np.abs(path(grid, 1))
-    if np.max(rate) < 1e-9:
-        return Trajectory(path, TimeLaw(0.0, 1.0, 1.0, 1.0))
-    steepest = np.maximum(np.max(rate, axis=0), 1e-300)
-    velocity, acceleration, jerk = (
-        float(np.min(limit / steepest))
+    laws = [_law(path, limits) for path in paths]
+    # In proportion to the time scale of the limits, so that the geometry is the same at any speed.
+    step = _OVERLAP_STEP * float(np.min(limits.velocity / limits.acceleration))
+    starts, taken = [0.0], 0.0
+    for corner in range(len(paths) - 1):
+        pair = slice(corner, corner + 2)
+        before, after = laws[pair]
+        # Three motions never overlap at once; the next corner shall have its share as well.
+        last = corner == len(paths) - 2
+        most = min(before.duration - taken, after.duration * (1.0 if last else _SHARE))
+        around = partial(free, corner)
+        taken = step * _widest(paths[pair], laws[pair], int(most / step), step, limits, around)
+        starts.append(starts[-1] + before.duration - taken)
+    return Trajectory(paths, laws, starts)
+
+
+def _widest(
+    paths: Sequence[Path],
+    laws: Sequence[TimeLaw],
+    most: int,
+    step: float,
+    limits: MotionLimits,
+    free: Callable[[Array], bool],
+) -> int:
+    """Return for how many steps, at most, two motions may overlap."""
+    grid = step * np.arange(most + 1)
+    first = _along(paths[0], laws[0], laws[0].duration - grid[::-1])
+    second = _along(paths[1], laws[1], grid)
+    count = most
+    while count > 0:
+        # The second begins `count` steps before the first ends; compare them step by step.
+        total = first[:, most - count :] + second[:, : count + 1]
+        if max(_usage(total[1:], limits)) > 1.0 or not _smooth(paths, laws, count * step, limits):
+            count -= 1
+        elif not free(paths[0].start + total[0]):
+            count = int(count * _SHRINK)
+        else:
+            break
+    return count
+
+
+def _smooth(
+    paths: Sequence[Path], laws: Sequence[TimeLaw], overlap: float, limits: MotionLimits
+) -> bool:
+    """Tell whether two motions hold the limits where a jerk jumps in their overlap [s]."""
+    both = Trajectory(paths, laws, [0.0, laws[0].duration - overlap])
+    t = both.jumps()
+    t = t[(t > both.starts[1]) & (t < laws[0].duration)]
+    return max(_usage(both.derivatives(t)[1:], limits)) <= 1.0
+
+
+def _law(path: Path, limits: MotionLimits) -> TimeLaw:
+    """Return the quickest of the laws that just hold the joint limits along a path.
+
+    Their shapes come from path limits (V, A, J) with |q1| V <= v, |q2| V^2 + |q1| A <= a and
+    |q3| V^3 + 3 |q2| V A + |q1| J <= j, where q1, q2, q3 are the derivatives of the path. Each
+    choice of V and A shares out differently what the curvature leaves.
+    """
+    if path.length == 0.0:
+        return TimeLaw(0.0, 1.0, 1.0, 1.0)
+    grid = np.linspace(0.0, path.length, _GRID)
+    first, second, third = (np.abs(path(grid, order)) for order in (1, 2, 3))
+    first = np.maximum(first, 1e-12)
+    fastest, quickest, sharpest = (
+        float(np.min(limit / first))
         for limit in (limits.velocity, limits.acceleration, limits.jerk)
     )
-    best: Trajectory | None = None
-    for _ in range(_ROUNDS):
-        trajectory = Trajectory(path, TimeLaw(1.0, velocity, acceleration, jerk))
-        v, a, j = trajectory.usage(limits)
-        stretch = max(v, a**0.5, j ** (1 / 3)) / _LIMIT_MARGIN
-        if max(v, a, j) <= 1.0 and (best is None or trajectory.duration < best.duration):
-            best = trajectory
-        if best is not None and abs(stretch - 1.0) < 1e-4:
-            break
-        # Slow down at once, speed up with care: the law's shape changes with its limits.
-        stretch = stretch if stretch > 1.0 else stretch**0.7
-        velocity, acceleration, jerk = (
-            velocity / stretch,
-            acceleration / stretch**2,
-            jerk / stretch**3,
-        )
-    if best is None:
-        raise ValueError("no time law holds the joint limits on this path")
-    return best
+    straight = np.max(second) * fastest**2 < 1e-9 * np.min(limits.acceleration)
+    shapes = []
+    for share in (1.0,) if straight else _SPEEDS:
+        v = share * fastest
+        most = float(np.min((limits.acceleration - second * v**2) / first))
+        for part in (1.0,) if straight else _JERK_SHARES:
+            a = part * max(most, _LEAST * quickest)
+            j = float(np.min((limits.jerk - third * v**3 - 3 * second * v * a) / first))
+            shapes.append((v, a, max(j, _LEAST * sharpest)))
+    best = min(shapes, key=lambda shape: _fitted(path, shape, limits, _SAMPLES).duration)
+    return _fitted(path, best, limits, 10 * _SAMPLES)
+
+
+def _fitted(
+    path: Path, shape: tuple[float, float, float], limits: MotionLimits, samples: int
+) -> TimeLaw:
+    """Return the law within (V, A, J), scaled in time until it touches its tightest limit."""
+    v, a, j = shape
+    law = TimeLaw(path.length, v, a, j)
+    t = np.concatenate([np.linspace(0.0, law.duration, samples), _around(law.changes)])
+    used = _usage(_along(path, law, t)[1:], limits)
+    stretch = max(share ** (1 / order) for order, share in enumerate(used, start=1)) / _MARGIN
+    return TimeLaw(path.length, v / stretch, a / stretch**2, j / stretch**3)

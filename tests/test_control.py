@@ -22,7 +22,7 @@ def simulation(scene):
 
 @pytest.fixture(scope="module")
 def trajectory(limits):
-    return time_path(Path.straight(np.zeros(6), SWING), limits)
+    return time_path(Path.straight(np.zeros(6), SWING, limits.velocity), limits)
 
 
 def all_of(controller: Controller, count: int, chunk: int) -> tuple[np.ndarray, np.ndarray]:

@@ -20,18 +20,24 @@ def bow(q_start: np.ndarray, q_end: np.ndarray, count: int = 41) -> np.ndarray:
     return q_start + u * (q_end - q_start) + 4 * u * (1 - u) * np.linspace(-0.4, 0.6, 6)
 
 
-def test_a_straight_path_joins_its_ends_in_a_straight_line(ends):
-    path = Path.straight(*ends)
-    s = np.linspace(0.0, 1.0, 200)
-    np.testing.assert_allclose(path(s), ends[0] + s[:, None] * (ends[1] - ends[0]), atol=1e-12)
-    np.testing.assert_allclose(path(s, 1), np.tile(ends[1] - ends[0], (200, 1)), atol=1e-9)
+def weighted(dq: np.ndarray, velocity: np.ndarray) -> np.ndarray:
+    """Return the velocity-weighted norm of joint displacements (N, 6)."""
+    return np.linalg.norm(dq / velocity, ord=8, axis=-1)
+
+
+def test_a_straight_path_joins_its_ends_in_a_straight_line(robot, ends):
+    path = Path.straight(*ends, robot.velocity)
+    share = np.linspace(0.0, 1.0, 200)
+    s, chord = share * path.length, ends[1] - ends[0]
+    np.testing.assert_allclose(path(s), ends[0] + share[:, None] * chord, atol=1e-12)
+    np.testing.assert_allclose(path(s, 1), np.tile(chord / path.length, (200, 1)), atol=1e-9)
     np.testing.assert_allclose(path(s, 2), 0.0, atol=1e-7)
 
 
 @pytest.mark.parametrize("make", ["straight", "through"])
 def test_a_path_meets_both_ends_exactly(robot, ends, make):
     if make == "straight":
-        path = Path.straight(*ends)
+        path = Path.straight(*ends, robot.velocity)
     else:
         path = Path.through(bow(*ends), robot.velocity)
     np.testing.assert_allclose(path.start, ends[0], atol=1e-9)
@@ -40,20 +46,46 @@ def test_a_path_meets_both_ends_exactly(robot, ends, make):
 
 def test_a_path_passes_through_its_samples(robot, ends):
     samples = bow(*ends)
-    fine = Path.through(samples, robot.velocity)(np.linspace(0.0, 1.0, 40001))
+    path = Path.through(samples, robot.velocity)
+    fine = path(np.linspace(0.0, path.length, 40001))
     for q in samples:
         assert np.min(np.max(np.abs(fine - q), axis=1)) < 2e-4
 
 
+@pytest.mark.parametrize(("make", "slack"), [("straight", 1e-9), ("through", 0.015)])
+def test_the_parameter_is_arc_length_in_the_velocity_weighted_norm(robot, ends, make, slack):
+    """At ds/dt = 1 the path is run at the velocity limit, everywhere along it."""
+    if make == "straight":
+        path = Path.straight(*ends, robot.velocity)
+    else:
+        path = Path.through(bow(*ends), robot.velocity)
+    s = np.linspace(0.0, path.length, 500)
+    rate = weighted(path(s, 1), robot.velocity)
+    np.testing.assert_allclose(rate, 1.0, atol=slack)
+    fine = path(np.linspace(0.0, path.length, 20001))
+    travelled = np.sum(weighted(np.diff(fine, axis=0), robot.velocity))
+    assert path.length == pytest.approx(travelled, rel=1e-4)
+
+
 def test_a_path_runs_evenly_in_the_velocity_weighted_norm(robot, ends):
     path = Path.through(bow(*ends), robot.velocity)
-    rate = np.linalg.norm(path(np.linspace(0.0, 1.0, 500), 1) / robot.velocity, ord=8, axis=1)
+    rate = weighted(path(np.linspace(0.0, path.length, 500), 1), robot.velocity)
     assert np.ptp(rate) < 0.03 * np.mean(rate)
+
+
+def test_the_length_is_the_time_of_the_slowest_joint_at_its_limit(robot):
+    """Exactly, when one joint moves alone; an eighth root of six more when all take as long."""
+    alone, together = np.zeros(6), 0.3 * robot.velocity
+    alone[3] = 0.7 * robot.velocity[3]
+    for q in (alone, -alone):
+        assert Path.straight(np.zeros(6), q, robot.velocity).length == pytest.approx(0.7)
+    length = Path.straight(np.zeros(6), together, robot.velocity).length
+    assert length == pytest.approx(0.3 * 6 ** (1 / 8))
 
 
 def test_the_derivatives_are_those_of_the_path(robot, ends):
     path = Path.through(bow(*ends), robot.velocity)
-    h, s = 1e-5, np.linspace(0.05, 0.95, 100)
+    h, s = 1e-5 * path.length, path.length * np.linspace(0.05, 0.95, 100)
     for order in (1, 2, 3):
         difference = (path(s + h, order - 1) - path(s - h, order - 1)) / (2 * h)
         scale = np.max(np.abs(difference))
@@ -61,7 +93,7 @@ def test_the_derivatives_are_those_of_the_path(robot, ends):
 
 
 def test_samples_are_close_together_and_include_both_ends(robot, ends):
-    for path in (Path.straight(*ends), Path.through(bow(*ends), robot.velocity)):
+    for path in (Path.straight(*ends, robot.velocity), Path.through(bow(*ends), robot.velocity)):
         q = path.samples(0.012)
         assert np.max(np.abs(np.diff(q, axis=0))) <= 0.012
         np.testing.assert_array_equal(q[0], path.start)
@@ -70,6 +102,11 @@ def test_samples_are_close_together_and_include_both_ends(robot, ends):
 
 def test_a_path_that_goes_nowhere_stays_there(robot):
     q = np.tile(np.linspace(-0.5, 0.5, 6), (10, 1))
-    for path in (Path.straight(q[0], q[0]), Path.through(q, robot.velocity)):
-        np.testing.assert_allclose(path(np.linspace(0, 1, 50)), np.tile(q[0], (50, 1)), atol=1e-12)
+    for path in (Path.straight(q[0], q[0], robot.velocity), Path.through(q, robot.velocity)):
+        assert path.length == 0.0
+        for s in (np.linspace(0.0, path.length, 50), np.linspace(0.0, 1.0, 50)):
+            np.testing.assert_allclose(path(s), np.tile(q[0], (50, 1)), atol=1e-12)
+        for order in (1, 2, 3):
+            np.testing.assert_allclose(path(np.zeros(5), order), 0.0, atol=1e-9)
+        np.testing.assert_allclose([path.start, path.end], q[:2], atol=1e-12)
         assert len(path.samples(0.01)) >= 2

@@ -25,7 +25,7 @@ def random_paths(robot, count: int, seed: int) -> list[Path]:
             samples = q[0] + u * (q[1] - q[0]) + 4 * u * (1 - u) * bulge
             paths.append(Path.through(samples, robot.velocity))
         else:
-            paths.append(Path.straight(*q))
+            paths.append(Path.straight(*q, robot.velocity))
     return paths
 
 
@@ -97,14 +97,12 @@ def test_a_trajectory_stays_where_it_ends(timed):
 
 def test_the_path_is_run_through_once_and_never_back(timed):
     for path, trajectory in timed[1]:
-        s, ds, _ = trajectory._law(np.linspace(0.0, trajectory.duration, 500))
+        t = np.linspace(0.0, trajectory.duration, 500)
+        s, ds, _, _ = trajectory._laws[0](t)
         assert np.all(np.diff(s) >= -1e-12)
         assert np.all(ds >= -1e-9)
-        np.testing.assert_allclose(trajectory(np.array([0.3]))[0], path(s_at(trajectory, 0.3)))
-
-
-def s_at(trajectory, time: float) -> np.ndarray:
-    return trajectory._law(np.array([time]))[0]
+        assert s[-1] == pytest.approx(path.length)
+        np.testing.assert_allclose(trajectory(t)[0], path(s), atol=1e-9)
 
 
 def test_no_time_is_wasted_some_limit_is_touched(timed):
@@ -139,9 +137,14 @@ def test_the_duration_is_inversely_proportional_to_the_speed(robot, speed):
 
 def test_a_path_that_goes_nowhere_takes_no_time(robot, limits):
     q = np.linspace(-0.5, 0.5, 6)
-    trajectory = time_path(Path.straight(q, q), limits)
-    assert trajectory.duration == 0.0
-    np.testing.assert_allclose(trajectory(np.array([0.0, 1.0]))[0], [q, q])
+    for path in (
+        Path.straight(q, q, robot.velocity),
+        Path.through(np.tile(q, (10, 1)), robot.velocity),
+    ):
+        trajectory = time_path(path, limits)
+        assert trajectory.duration == 0.0
+        np.testing.assert_allclose(trajectory(np.array([0.0, 1.0]))[0], [q, q])
+        assert trajectory.usage(limits) == (0.0, 0.0, 0.0)
 
 
 def test_a_time_law_of_no_distance_takes_no_time():
