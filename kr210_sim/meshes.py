@@ -142,9 +142,7 @@ def _read_collada(content: bytes) -> list[MeshPart]:
 def _read_triangles(content: bytes, kind: str) -> list[MeshPart]:
     import trimesh
 
-    loaded = trimesh.load(
-        io.BytesIO(content), file_type=kind, process=False, force="scene"
-    )
+    loaded = trimesh.load(io.BytesIO(content), file_type=kind, process=False, force="scene")
     parts = []
     for mesh in loaded.geometry.values():
         if not hasattr(mesh, "faces"):
