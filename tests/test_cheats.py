@@ -312,6 +312,13 @@ def test_a_target_that_hangs_in_the_air_of_the_bin_is_not_supported(one_cycle):
     assert_failed(score, "outside_bin", "placed", score.cause.stage)
 
 
+def test_a_target_gone_astray_and_teleported_into_the_bin_is_no_success(one_cycle):
+    astray = once("RETREAT", lambda simulation: move_target(simulation, np.array([0.0, -3.0, 8.0])))
+    back = once("RETREAT", into_the_bin, after=0.2)
+    score = one_cycle(lambda *now: (astray(*now), back(*now)))
+    assert not score.success
+
+
 # ---- the end --------------------------------------------------------------------------------
 
 
