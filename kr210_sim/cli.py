@@ -68,14 +68,18 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 def _parser() -> argparse.ArgumentParser:
     parser = _Parser(prog="kr210-sim", description="KUKA KR210 pick and place in MuJoCo, scored.")
-    versions = f"kr210-sim {__version__}, MuJoCo {version('mujoco')}, ruckig {version('ruckig')}"
-    parser.add_argument("--version", action="version", version=versions)
+    _add_version(parser)
     verbs = parser.add_subparsers(metavar="VERB", required=True)
     _add_run(verbs)
     _add_ik(verbs)
     _add_dh(verbs)
     _add_convert(verbs)
     return parser
+
+
+def _add_version(parser: argparse.ArgumentParser) -> None:
+    versions = f"kr210-sim {__version__}, MuJoCo {version('mujoco')}, ruckig {version('ruckig')}"
+    parser.add_argument("--version", action="version", version=versions)
 
 
 def _add_run(verbs: Any) -> None:
@@ -86,6 +90,7 @@ def _add_run(verbs: Any) -> None:
         "2 bad input, 3 internal error, 130 interrupted.",
         allow_abbrev=False,
     )
+    _add_version(parser)
     types: dict[str, Any] = {
         "cycles": int,
         "seed": int,

@@ -42,6 +42,7 @@ class Controller:
         model, address = simulation.model, simulation.addresses
         self._robot = simulation.scene.robot
         self._step = float(model.opt.timestep)
+        self._longest = simulation.scene.time_limit + 1.0
         self._lead = (
             -model.actuator_biasprm[address.arm_ctrl, 2]
             / (model.actuator_gainprm[address.arm_ctrl, 0])
@@ -63,7 +64,9 @@ class Controller:
 
     def follow(self, trajectory: Trajectory) -> None:
         """Start a trajectory at the next physics step."""
-        count = int(np.ceil(trajectory.duration / self._step - 1e-9)) + 1
+        # A very slow motion is cut where the cycle will have run into its time limit anyway.
+        longest = min(trajectory.duration, self._longest)
+        count = int(np.ceil(longest / self._step - 1e-9)) + 1
         q, qd, _ = trajectory(np.arange(count) * self._step)
         self._arm = Commands(ctrl=q + self._lead * qd, q=q, T_base_tcp=self._robot.forward(q))
         self._arm_done = 0

@@ -17,6 +17,10 @@ SPEED_RATIO_LIMIT = 1.02
 EFFORT_RATIO_LIMIT = 0.99
 """`within_limits`: joint effort over its limit from which the motor counts as saturated."""
 
+JUMP_SLACK = 1e-3
+"""A target that moves this much further in one physics step than its speed explains [m] was moved
+by something else than forces; no such cycle succeeds."""
+
 REST_SPEED = 0.005
 """`placed`: slower than this [m/s]."""
 

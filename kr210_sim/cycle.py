@@ -12,7 +12,7 @@ import numpy as np
 from kr210_sim.arrays import Array
 from kr210_sim.collision import MujocoOracle
 from kr210_sim.control import Controller
-from kr210_sim.criteria import REST_TIME
+from kr210_sim.criteria import HOME_SLACK, REST_TIME
 from kr210_sim.exceptions import CycleFailure
 from kr210_sim.monitor import Monitor
 from kr210_sim.offsets import ik_offsets
@@ -31,8 +31,9 @@ the world here, a viewer may look."""
 TRACKING_LIMIT = 0.05
 """Following error of a joint at which the drives stop [rad]."""
 
-ARRIVED = 1e-4
-"""A motion has ended when every joint is this close to its end [rad]."""
+ARRIVED = 2e-3
+"""A motion has ended when every joint is this close to its end [rad]; a load that the controller
+does not know makes the arm sag a little."""
 
 GRIP_READY = 0.9
 """Share of the grip force at which the lift may start."""
@@ -129,12 +130,12 @@ class _Cycle:
                 self.close_gripper()
             self.advance()
         end, stage = motion.trajectory.end, self.stage
+        homing = stage == "MOVE_HOME"
+        near = HOME_SLACK if homing else ARRIVED
         self.wait(
-            lambda: bool(np.max(np.abs(self.monitor.q - end)) < ARRIVED),
+            lambda: bool(np.max(np.abs(self.monitor.q - end)) <= near),
             WAIT_LIMIT,
-            CycleFailure(
-                "not_home" if stage == "MOVE_HOME" else "tracking", "the arm does not arrive"
-            ),
+            CycleFailure("not_home" if homing else "tracking", "the arm does not arrive"),
         )
 
     def enter(self, stage: str) -> None:
@@ -315,5 +316,8 @@ def _timed(motion: Motion, oracle: MujocoOracle, limits: MotionLimits) -> TimedM
         clearance = min(before.clearance, after.clearance)
         return oracle.blocked(q, hand=after.hand, clearance=clearance) is None
 
-    trajectory = time_paths([leg.path for leg in motion], limits, free)
+    try:
+        trajectory = time_paths([leg.path for leg in motion], limits, free)
+    except ValueError as error:
+        raise CycleFailure("no_path", str(error), stage=motion[0].stage) from error
     return TimedMotion(stages=tuple(leg.stage for leg in motion), trajectory=trajectory)

@@ -13,6 +13,7 @@ from kr210_sim.arrays import Array
 from kr210_sim.control import Commands
 from kr210_sim.criteria import (
     EFFORT_RATIO_LIMIT,
+    JUMP_SLACK,
     LIFT_HEIGHT_LIMIT,
     POSITION_SLACK,
     REST_SPEED,
@@ -51,6 +52,7 @@ class Monitor:
         self._fingers = slice(first + 18, first + 20)
         self._rest_height = float(simulation.data.sensordata[self._columns["target_position"]][2])
         self._lift_off: tuple[Array, Array] | None = None
+        self._last: tuple[Array, float] | None = None
         self._series: dict[str, list[Array]] = {}
         self.time = 0.0
         self.events: list[Event] = []
@@ -120,7 +122,12 @@ class Monitor:
         for name, value in kept.items():
             self._series.setdefault(name, []).append(np.asarray(value, dtype=float))
         usage = (excess, np.abs(qd) / self._velocity, np.abs(effort) / self._effort)
-        found = [*self._foreign(foreign), *self._limits(*usage), *self._losses(touch, slip_m)]
+        found = [
+            *self._foreign(foreign),
+            *self._limits(*usage),
+            *self._losses(touch, slip_m),
+            *self._jumps(column["target_position"], speed),
+        ]
         self._note(found, start, stage)
 
     def _slip(self, column: dict[str, Array], touch: NDArray[np.bool_]) -> tuple[Array, Array]:
@@ -176,6 +183,20 @@ class Monitor:
         if np.any(slip_m >= SLIP_LIMIT):
             detail = f"slipped {1000 * slip_m.max():.1f} mm"
             yield _Breach(int(np.argmax(slip_m >= SLIP_LIMIT)), "dropped", detail)
+
+    def _jumps(self, position: Array, speed: Array) -> Iterator[_Breach]:
+        """Yield the first step at which the target moved further than its speed explains."""
+        if self._last is not None:
+            before, v_before = self._last
+            position = np.concatenate([before[None], position])
+            speed = np.append(v_before, speed)
+        self._last = np.array(position[-1]), float(speed[-1])
+        moved = np.linalg.norm(np.diff(position, axis=0), axis=1)
+        explained = np.maximum(speed[:-1], speed[1:]) * self._step + JUMP_SLACK
+        if np.any(moved > explained):
+            reason = "outside_bin" if self.released else "dropped"
+            step = int(np.argmax(moved > explained))
+            yield _Breach(step, reason, f"the target jumped by {1000 * moved[step]:.1f} mm")
 
     def _note(self, found: list[_Breach], start: float, stage: str) -> None:
         """Append the first breach for each reason to the events, earliest first."""

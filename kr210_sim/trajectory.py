@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
-from ruckig import InputParameter, Result, Ruckig
+from ruckig import InputParameter, Result, Ruckig, RuckigError
 from ruckig import Trajectory as RuckigTrajectory
 
 from kr210_sim.arrays import Array
@@ -75,7 +75,10 @@ class TimeLaw:
         request.max_acceleration = [acceleration]
         request.max_jerk = [jerk]
         law = RuckigTrajectory(1)
-        result = Ruckig(1).calculate(request, law)
+        try:
+            result = Ruckig(1).calculate(request, law)
+        except RuckigError as error:
+            raise ValueError(f"ruckig finds no time law: {error}") from error
         if result not in (Result.Working, Result.Finished):
             raise ValueError(f"ruckig finds no time law: {result}")
         profile = law.profiles[0][0]
