@@ -194,7 +194,8 @@ class Monitor:
         moved = np.linalg.norm(np.diff(position, axis=0), axis=1)
         explained = np.maximum(speed[:-1], speed[1:]) * self._step + JUMP_SLACK
         if np.any(moved > explained):
-            reason = "outside_bin" if self.released else "dropped"
+            held = "dropped" if self.lifted else "missed_grasp"
+            reason = "outside_bin" if self.released else held
             step = int(np.argmax(moved > explained))
             yield _Breach(step, reason, f"the target jumped by {1000 * moved[step]:.1f} mm")
 
