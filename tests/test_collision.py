@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import mujoco
 import numpy as np
 import pytest
@@ -9,7 +11,8 @@ from conftest import standing_target
 
 import ik
 from kr210_sim.collision import MujocoOracle
-from kr210_sim.planning import CLEARANCE_FREE, CyclePlanner, Hand
+from kr210_sim.cycle import _timed as timed_motion
+from kr210_sim.planning import CLEARANCE_FREE, CyclePlan, CyclePlanner, Hand, Leg
 from kr210_sim.scene import ROBOT_PREFIX
 from kr210_sim.simulation import Simulation
 from kr210_sim.task import pick_options, place_options, release_point
@@ -46,6 +49,10 @@ def plan(world, oracle, scene):
         picks=pick_options(target.T_base_target, scene.cell(6).T_base_cell),
         places=place_options(release),
     )
+
+
+def legs_of(plan: CyclePlan, stage: str) -> list[Leg]:
+    return [leg for motion in plan.motions for leg in motion if leg.stage == stage]
 
 
 class Distances:
@@ -98,9 +105,51 @@ def test_a_planned_leg_keeps_its_distance_at_configurations_nobody_checked(
 ):
     simulation, target = world
     distances = Distances(simulation, target.name)
-    path = plan.legs[stage].path
-    for s in np.random.default_rng(20).uniform(0.02, 0.98, 15):
-        assert distances.least(path(np.array([s]))[0], holding=holding) > clearance, s
+    for leg in legs_of(plan, stage):
+        for share in np.random.default_rng(20).uniform(0.02, 0.98, 15):
+            q = leg.path(np.array([share * leg.path.length]))[0]
+            assert distances.least(q, holding=holding) > clearance, share
+
+
+def test_rounded_corners_keep_their_distance_at_instants_nobody_checked(
+    world, oracle, plan, limits
+):
+    """Every overlap of the trajectories as they will be run, every few milliseconds."""
+    simulation, target = world
+    distances = Distances(simulation, target.name)
+    corners = 0
+    for motion in plan.motions:
+        trajectory = timed_motion(motion, oracle, limits).trajectory
+        for corner, (before, after) in enumerate(pairwise(motion)):
+            begin, end = trajectory.starts[corner + 1], trajectory._ends[corner]
+            if end - begin < 1e-6:
+                continue
+            corners += 1
+            clearance = min(before.clearance, after.clearance)
+            holding = after.hand in (Hand.LIFTING, Hand.HOLDING)
+            t = np.linspace(begin, end, 60) + np.random.default_rng(22).uniform(0, 1e-3, 60)
+            for q in trajectory(t)[0]:
+                least = distances.least(q, holding=holding)
+                assert least > clearance - 1e-3, (before.stage, after.stage)
+    assert corners >= 3
+
+
+def test_a_corner_that_is_blocked_is_not_rounded(plan, limits):
+    class Wall:
+        def blocked(self, q, *, hand, clearance):
+            asked.append((hand, clearance))
+            return "a wall"
+
+    asked: list[tuple[Hand, float]] = []
+    for motion in plan.motions:
+        asked.clear()
+        trajectory = timed_motion(motion, Wall(), limits).trajectory
+        np.testing.assert_allclose(trajectory._ends[:-1], trajectory.starts[1:], atol=1e-9)
+        allowed = {
+            (after.hand, min(before.clearance, after.clearance))
+            for before, after in pairwise(motion)
+        }
+        assert set(asked) <= allowed
 
 
 def test_the_oracle_refuses_what_is_too_near_and_nothing_else(world, oracle):
@@ -154,7 +203,7 @@ def configuration(scene, T_base_tcp: np.ndarray, near: np.ndarray) -> np.ndarray
 
 def test_the_hand_decides_whether_the_target_is_an_obstacle(oracle, plan, scene):
     """25 mm beside the grasp a jaw is in the target, unless the target is held or gone."""
-    grasp = plan.legs["APPROACH"].path.end
+    grasp = legs_of(plan, "APPROACH")[-1].path.end
     beside = scene.robot.forward(grasp)
     beside[:3, 3] += 0.025 * beside[:3, 1]
     q = configuration(scene, beside, grasp)[None]
@@ -169,7 +218,9 @@ def test_asking_changes_nothing_in_the_simulation(world, oracle, plan):
     simulation, _ = world
     before = simulation.data.qpos.copy(), simulation.model.geom_margin.copy()
     flags = simulation.model.opt.disableflags
-    oracle.blocked(plan.legs["MOVE_HOME"].path.samples(0.05), hand=Hand.HOLDING, clearance=0.02)
+    oracle.blocked(
+        legs_of(plan, "MOVE_HOME")[0].path.samples(0.05), hand=Hand.HOLDING, clearance=0.02
+    )
     np.testing.assert_array_equal(simulation.data.qpos, before[0])
     np.testing.assert_array_equal(simulation.model.geom_margin, before[1])
     assert simulation.model.opt.disableflags == flags
@@ -178,13 +229,13 @@ def test_asking_changes_nothing_in_the_simulation(world, oracle, plan):
 def test_a_target_in_the_bin_is_an_obstacle(oracle, world, scene, plan):
     """The tool may come down beside what lies there, not upon it."""
     simulation, _ = world
-    down = scene.robot.forward(plan.legs["LOWER"].path.end)
+    down = scene.robot.forward(legs_of(plan, "LOWER")[-1].path.end)
     on_top = down.copy()
     on_top[:3, 3] = simulation.data.body("target_0").xpos
     on_top[2, 3] += 0.1
     verdicts = []
     for T in (down, on_top):
-        q = configuration(scene, T, plan.legs["LOWER"].path.end)[None]
+        q = configuration(scene, T, legs_of(plan, "LOWER")[-1].path.end)[None]
         verdicts.append(oracle.blocked(q, hand=Hand.HOLDING, clearance=CLEARANCE_FREE))
     assert verdicts[0] is None
     assert "target_0" in verdicts[1]
