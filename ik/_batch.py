@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .arm import Arm
+from .limits import TWO_PI, Bounds
 from .poses import is_rigid
 from .tolerances import REACH_TOLERANCE, SMALL
 
@@ -23,12 +24,14 @@ BoolArray = NDArray[np.bool_]
 CHUNK = 2048
 """Poses at a time: 16 KB for one quantity of a pose, and under 2 MB for all of them."""
 
-TWO_PI = 2.0 * np.pi
-Bounds = tuple[tuple[int, float, float], ...]
-
 
 def solve(
-    arm: Arm, T: FloatArray, q: FloatArray, valid: BoolArray, bounds: Bounds, inside: BoolArray
+    arm: Arm,
+    T: FloatArray,
+    q: FloatArray,
+    valid: BoolArray,
+    bounds: Bounds | None,
+    inside: BoolArray,
 ) -> bool:
     """Compute all branches of many poses.
 
@@ -37,7 +40,7 @@ def solve(
         T: T_base_tool. Shape (n, 4, 4).
         q: Filled with the angles [rad], NaN where there is no branch. Shape (n, 8, 6).
         valid: Filled with the branches that exist. Shape (n, 8).
-        bounds: Joint, lower and upper limit [rad] of the joints whose limits leave something out.
+        bounds: The limits; None if they leave nothing out, or there are none.
         inside: Filled with the branches that are inside of the limits after some turns, which are
             added to q. Shape (n, 8).
 
@@ -206,7 +209,8 @@ def _wrists(
     """
     x, y, z = R
     c1, s1 = c1[:, None], s1[:, None]
-    n, m = c1 * x + s1 * y, c1 * y - s1 * x  # Rz(-theta1) R, its rows 0 and 1
+    # Rz(-theta1) R, its rows 0 and 1; + 0.0 makes 0.0 of -0.0, of which atan2 would make pi
+    n, m = c1 * x + s1 * y, c1 * y - s1 * x + 0.0
     k0 = s23 * n[:, None, 0] + c23 * z[0]
     k1 = s23 * n[:, None, 1] + c23 * z[1]
     k2 = s23 * n[:, None, 2] + c23 * z[2]
@@ -216,7 +220,7 @@ def _wrists(
     if not h.all():  # only theta4 + theta6 is given there: take theta4 = 0
         k0[h == 0.0] = -1.0
     q4 = np.arctan2(m0, -k0)
-    q6 = np.arctan2(k0 * m2 - m0 * k2, m0 * k1 - k0 * m1)
+    q6 = np.arctan2(k0 * m2 - m0 * k2 + 0.0, m0 * k1 - k0 * m1)
     q[:, :, 0, 3], q[:, :, 0, 4], q[:, :, 0, 5] = q4, q5, q6
     np.subtract(q4, np.copysign(np.pi, q4), out=q[:, :, 1, 3])
     np.negative(q5, out=q[:, :, 1, 4])
@@ -231,11 +235,11 @@ def _turn_into_limits(q: FloatArray, bounds: Bounds) -> BoolArray:
     """
     inside = np.ones((2, 2, 2, q.shape[-1]), dtype=np.bool_)
     turns = []
-    for j, low, high in bounds:
+    for j, low, high, can_turn in (*bounds.arm, *bounds.wrist):
         # joint 1 is the same for both elbows, and joints 1 to 3 are for both wrists, unless turned
         angle = q[:, : 1 if j < 1 else 2, : 1 if j < 3 else 2, j]
         fits = (angle >= low) & (angle <= high)
-        if low < -np.pi or high > np.pi:
+        if can_turn:
             lowest = angle + TWO_PI * np.ceil((low - angle) / TWO_PI)
             turned = ~fits & (lowest <= high)
             fits |= turned

@@ -10,12 +10,11 @@ from __future__ import annotations
 from math import atan2, ceil, copysign, pi, remainder, sqrt, tau
 
 from .arm import Arm, Constants
+from .limits import Bounds
 from .tolerances import REACH_TOLERANCE, ROTATION_TOLERANCE, SMALL
 
 Row = tuple[float, ...]
-Rows = tuple[Row, ...]
 Matrix = list[list[float]]
-Bounds = tuple[tuple[int, float, float], ...]
 
 
 def is_rigid(T: Matrix) -> bool:
@@ -44,7 +43,7 @@ def is_rigid(T: Matrix) -> bool:
     )
 
 
-def solve(arm: Arm, T: Matrix) -> tuple[Rows, Rows]:
+def solve(arm: Arm, T: Matrix) -> tuple[list[float], list[float]]:
     """Compute all branches of one pose.
 
     Args:
@@ -52,8 +51,8 @@ def solve(arm: Arm, T: Matrix) -> tuple[Rows, Rows]:
         T: Rows of T_base_tool, a rigid transform. Shape (4, 4).
 
     Returns:
-        q [rad] of the four branches with the shoulder in front and of the four with it behind, in
-        the order of the branch table; none where the pose is out of reach.
+        q [rad] of the four branches with the shoulder in front, one after the other in the order of
+        the branch table, and of the four with it behind. Lengths 24, or 0 for out of reach.
     """
     R, wx, wy, wz = _wrist_pose(arm, T)
     k = arm.constants
@@ -67,7 +66,7 @@ def solve(arm: Arm, T: Matrix) -> tuple[Rows, Rows]:
         front = _shoulder(k, R, wz, wx, wy, r)
         back = _shoulder(k, R, wz, -wx, -wy, -r)
     elif r < abs(b) - REACH_TOLERANCE * k.reach:
-        return (), ()
+        return [], []
     else:
         rho = sqrt(max((r - abs(b)) * (r + abs(b)), 0.0))
         f, g = (rho / r, b / r) if rho > 0.0 else (0.0, copysign(1.0, b))
@@ -76,7 +75,7 @@ def solve(arm: Arm, T: Matrix) -> tuple[Rows, Rows]:
         back = _shoulder(k, R, wz, yg - xf, -xg - yf, -rho)
     if k.plain_joints:
         return front, back
-    return tuple(_robot_angles(arm, q) for q in front), tuple(_robot_angles(arm, q) for q in back)
+    return _robot_angles(arm, front), _robot_angles(arm, back)
 
 
 def _wrist_pose(arm: Arm, T: Matrix) -> tuple[Row, float, float, float]:
@@ -102,7 +101,7 @@ def _wrist_pose(arm: Arm, T: Matrix) -> tuple[Row, float, float, float]:
     return (xx, xy, xz, yx, yy, yz, zx, zy, zz), wx, wy, wz
 
 
-def _shoulder(k: Constants, R: Row, wz: float, c1: float, s1: float, rho: float) -> Rows:
+def _shoulder(k: Constants, R: Row, wz: float, c1: float, s1: float, rho: float) -> list[float]:
     """Solve elbow and wrist of one shoulder branch (steps 3 to 6); rho < 0 on the back one."""
     a1, d1, reach, inner, fold, K, C, bend, a, d = k.elbow
     u, v = rho - a1, wz - d1
@@ -110,7 +109,7 @@ def _shoulder(k: Constants, R: Row, wz: float, c1: float, s1: float, rho: float)
     if not fold < D < reach:
         edge = reach if D > fold else fold
         if not abs(D - edge) <= REACH_TOLERANCE * reach:
-            return ()
+            return []
         if D <= SMALL:  # folded onto the shoulder, where any theta2 is right
             u, v, D = 0.0, edge, edge
         else:
@@ -122,9 +121,10 @@ def _shoulder(k: Constants, R: Row, wz: float, c1: float, s1: float, rho: float)
     Au, Av, Su, Sv = A * u, A * v, S * u, S * v
     x0, x1, x2, y0, y1, y2, z0, z1, z2 = R
     n0, n1, n2 = c1 * x0 + s1 * y0, c1 * x1 + s1 * y1, c1 * x2 + s1 * y2
-    m0, m1, m2 = c1 * y0 - s1 * x0, c1 * y1 - s1 * x1, c1 * y2 - s1 * x2
+    # + 0.0 makes 0.0 of -0.0, here and below: atan2 would make pi of it
+    m0, m1, m2 = c1 * y0 - s1 * x0 + 0.0, c1 * y1 - s1 * x1, c1 * y2 - s1 * x2
     q1 = atan2(s1, c1)
-    rows = []
+    q: list[float] = []
     for x, z, q3 in ((Au - Sv, Av + Su, gamma - bend), (Au + Sv, Av - Su, -gamma - bend)):
         q2 = atan2(x, z)
         if not -pi <= q3 <= pi:
@@ -136,43 +136,59 @@ def _shoulder(k: Constants, R: Row, wz: float, c1: float, s1: float, rho: float)
         q5 = atan2(h, c * n0 - s * z0)
         if h == 0.0:  # only theta4 + theta6 is given there: take theta4 = 0
             k0 = -1.0
-        q4, q6 = atan2(m0, -k0), atan2(k0 * m2 - m0 * k2, m0 * k1 - k0 * m1)
-        rows.append((q1, q2, q3, q4, q5, q6))
-        rows.append((q1, q2, q3, q4 - copysign(pi, q4), -q5, q6 - copysign(pi, q6)))
-    return tuple(rows)
+        q4, q6 = atan2(m0, -k0), atan2(k0 * m2 - m0 * k2 + 0.0, m0 * k1 - k0 * m1)
+        f4, f6 = q4 - pi if q4 >= 0.0 else q4 + pi, q6 - pi if q6 >= 0.0 else q6 + pi
+        q += (q1, q2, q3, q4, q5, q6, q1, q2, q3, f4, -q5, f6)
+    return q
 
 
-def _robot_angles(arm: Arm, theta: Row) -> Row:
-    """Convert the arm's own angles to the robot's, within [-pi, pi] (step 7)."""
-    return tuple(
+def _robot_angles(arm: Arm, theta: list[float]) -> list[float]:
+    """Convert the arm's own angles of some branches to the robot's, within [-pi, pi] (step 7)."""
+    joints = list(zip(arm.signs, arm.offsets, strict=True)) * (len(theta) // 6)
+    return [
         remainder(sign * (angle - offset), tau)
-        for sign, angle, offset in zip(arm.signs, theta, arm.offsets, strict=True)
-    )
+        for angle, (sign, offset) in zip(theta, joints, strict=True)
+    ]
 
 
-def turn_into_limits(rows: list[Row], bounds: Bounds) -> bytearray:
+def turn_into_limits(q: list[float], bounds: Bounds) -> bytearray:
     """Add the turns to each branch that bring it inside of the limits.
 
     Args:
-        rows: Branches, q [rad] within [-pi, pi] or NaN; those that need turns are replaced.
-        bounds: Joint, lower and upper limit [rad] of the joints whose limits leave something out.
+        q: The eight branches in a row [rad], within [-pi, pi] or NaN; gets the turns. Length 48.
+        bounds: The limits.
 
     Returns:
         1 for each branch that is inside now, 0 for the others.
     """
-    inside = bytearray(len(rows))
-    for i, row in enumerate(rows):
-        for j, low, high in bounds:
-            angle = row[j]
-            if low <= angle <= high:
-                continue
-            if angle != angle:  # no branch
-                break
-            angle += tau * ceil((low - angle) / tau)
-            if angle > high:
-                break
-            row = (*row[:j], angle, *row[j + 1 :])
+    inside = bytearray(8)
+    for elbow in (0, 12, 24, 36):
+        if q[elbow] != q[elbow]:  # no branch
+            continue
+        shared: tuple[tuple[int, float], ...] = ()
+        for j, low, high, turns in bounds.arm:  # the same for both wrists
+            angle = q[elbow + j]
+            if not low <= angle <= high:
+                if not turns:
+                    break
+                angle += tau * ceil((low - angle) / tau)
+                if angle > high:
+                    break
+                shared += ((j, angle),)
         else:
-            inside[i] = 1
-            rows[i] = row
+            for branch in (elbow, elbow + 6):
+                turned = shared
+                for j, low, high, turns in bounds.wrist:
+                    angle = q[branch + j]
+                    if not low <= angle <= high:
+                        if not turns:
+                            break
+                        angle += tau * ceil((low - angle) / tau)
+                        if angle > high:
+                            break
+                        turned += ((j, angle),)
+                else:
+                    inside[branch // 6] = 1
+                    for j, angle in turned:
+                        q[branch + j] = angle
     return inside

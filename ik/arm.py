@@ -133,7 +133,7 @@ def _frozen_pose(T: ArrayLike, name: str) -> FloatArray:
 
 
 def _derive(arm: Arm) -> Constants:
-    """Compute the constants of the formulas (facts of README.md, section "Constants")."""
+    """Compute the constants of the formulas (README.md, section "The formulas")."""
     L3, phi = math.hypot(arm.d4, arm.a3), math.atan2(-arm.a3, arm.d4)
     R_base, R_tool = arm.T_base[:3, :3], arm.T_tool[:3, :3]
     eye = np.eye(3)

@@ -11,10 +11,10 @@ from numpy.typing import ArrayLike, NDArray
 from .arm import Arm
 from .choice import slide_wrist
 from .exceptions import IKError
-from .kinematics import forward
+from .kinematics import Frame, forward
 from .limits import turns
 from .solve import inverse
-from .tolerances import CLOSE_POSE, SLIDE_TOLERANCE
+from .tolerances import SLIDE_TOLERANCE
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
@@ -31,8 +31,10 @@ class Layers:
     """Which of them are candidates, and not there to fill up. Shape (m, k)."""
     waypoint: IntArray
     """Index of the waypoint of each layer, the start left out. Shape (m,) or (m - 1,)."""
-    close: BoolArray
-    """Whether each layer's pose is close to that of the layer before. Shape (m,)."""
+    T: FloatArray
+    """Pose of each layer. Shape (m, 4, 4)."""
+    apart: FloatArray
+    """Distance of each layer's pose from the one before, see `pose_distance`. Shape (m,)."""
     starts: bool
     """The first layer is the start."""
     count: int
@@ -79,8 +81,10 @@ def find_layers(
     padded[:, layer, place] = q.T
     exists = np.zeros(padded.shape[1:], dtype=np.bool_)
     exists[layer, place] = True
-    close = np.append(False, _distance(arm, passed) < CLOSE_POSE)[: len(size)]
-    return Layers(padded, exists, waypoint, close, start is not None, len(poses))
+    entries = passed[:, :3].transpose(1, 2, 0)
+    tool = Frame(*entries[:, :, 1:].transpose(1, 0, 2))
+    apart = np.append(np.inf, pose_distance(arm, tool, entries[:, :, :-1]))[: len(size)]
+    return Layers(padded, exists, waypoint, passed, apart, start is not None, len(poses))
 
 
 def _slid(arm: Arm, branches: FloatArray, start: FloatArray | None) -> tuple[FloatArray, IntArray]:
@@ -109,10 +113,21 @@ def _slid(arm: Arm, branches: FloatArray, start: FloatArray | None) -> tuple[Flo
     return np.concatenate(rows), np.concatenate(owners)
 
 
-def _distance(arm: Arm, T: FloatArray) -> FloatArray:
-    """Distance of each pose from the one before: rotation plus translation over L2 + L3 [rad]."""
-    step = T[1:, :3] - T[:-1, :3]
-    # |R_a - R_b| = 2 sqrt(2) sin(angle / 2)
-    chord = np.linalg.norm(step[:, :, :3], axis=(1, 2)) / np.sqrt(8.0)
-    angle = 2.0 * np.arcsin(np.minimum(chord, 1.0))
-    return np.asarray(angle + np.linalg.norm(step[:, :, 3], axis=1) / arm.constants.reach)
+def pose_distance(arm: Arm, tool: Frame, T: FloatArray) -> FloatArray:
+    """Compute how far poses are apart: angle of rotation plus translation over L2 + L3 [rad].
+
+    The angle is taken for |R_a - R_b| / sqrt(2), which is 2 sin(angle / 2).
+
+    Args:
+        arm: The arm.
+        tool: Poses by entries, each of shape (...).
+        T: Other poses by entries. Shape (3, 4, ...).
+
+    Returns:
+        Shape (...).
+    """
+    x, y, z, p = (
+        (a[0] - b[0]) ** 2 + (a[1] - b[1]) ** 2 + (a[2] - b[2]) ** 2
+        for a, b in zip(tool, np.moveaxis(T, 1, 0), strict=True)
+    )
+    return np.asarray(np.sqrt(0.5 * (x + y + z)) + np.sqrt(p) / arm.constants.reach)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -15,6 +17,18 @@ BoolArray = NDArray[np.bool_]
 IntArray = NDArray[np.intp]
 
 TWO_PI = 2.0 * np.pi
+
+
+class Bounds(NamedTuple):
+    """The joints whose limits leave out some angle of [-pi, pi], in the form `inverse` wants.
+
+    For each: joint, lower and upper limit with the slack added [rad], and whether turns can help.
+    """
+
+    arm: tuple[tuple[int, float, float, bool], ...]
+    """Those among joints 1 to 3."""
+    wrist: tuple[tuple[int, float, float, bool], ...]
+    """Those among joints 4 to 6."""
 
 
 class Turns(NamedTuple):
@@ -52,6 +66,43 @@ def check_limits(
     if not (v > 0.0).all():
         raise IKError(f"velocity limits must be positive, got {v}")
     return low, high, v
+
+
+def find_bounds(lower: ArrayLike, upper: ArrayLike) -> Bounds | None:
+    """List the joints whose limits leave out some angle.
+
+    Args:
+        lower: Lower limits [rad]. Shape (6,).
+        upper: Upper limits [rad]. Shape (6,).
+
+    Returns:
+        None when no joint's limits do.
+
+    Raises:
+        IKError: A shape is not (6,), a value is NaN, or a lower limit is above its upper limit.
+    """
+    low, high = np.asarray(lower, dtype=np.float64), np.asarray(upper, dtype=np.float64)
+    return _bounds_of(low.tobytes(), high.tobytes(), low.shape, high.shape)
+
+
+@lru_cache(maxsize=64)
+def _bounds_of(
+    lower: bytes, upper: bytes, shape: tuple[int, ...], other_shape: tuple[int, ...]
+) -> Bounds | None:
+    """Do the work of `find_bounds`; cached, as it would take as long as half a pose."""
+    if shape != (6,) or other_shape != (6,):
+        raise IKError(f"limits must have shape (6,), got {shape} and {other_shape}")
+    low, high, _ = check_limits(np.frombuffer(lower), np.frombuffer(upper))
+    bounds = [
+        (j, a, b, a <= -math.pi or b >= math.pi)
+        for j, (a, b) in enumerate(
+            zip((low - LIMIT_SLACK).tolist(), (high + LIMIT_SLACK).tolist(), strict=True)
+        )
+        if a > -math.pi or b < math.pi
+    ]
+    if not bounds:
+        return None
+    return Bounds(tuple(b for b in bounds if b[0] < 3), tuple(b for b in bounds if b[0] >= 3))
 
 
 def within_limits(

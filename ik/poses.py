@@ -63,7 +63,7 @@ def check_poses(T: FloatArray, name: str = "T") -> None:
     if T.ndim < 2 or T.shape[-2:] != (4, 4):
         raise InvalidPose(f"{name} must have shape (..., 4, 4), got {T.shape}")
     flat = T.reshape(-1, 4, 4)
-    with np.errstate(invalid="ignore", over="ignore"):
+    with np.errstate(all="ignore"):
         if not is_rigid(flat.reshape(-1, 16).T):
             raise explain(flat, T.shape[:-2], name)
 
@@ -79,12 +79,16 @@ def explain(flat: FloatArray, shape: tuple[int, ...], name: str = "T") -> Invali
     Returns:
         The error, to be raised.
     """
-    for i, pose in enumerate(flat):
-        if not is_rigid(pose.reshape(16, 1)):
-            index = np.unravel_index(i, shape) if shape else ()
-            where = name + (str([int(k) for k in index]) if index else "")
-            return InvalidPose(f"{where} {_fault(pose)}")
-    return InvalidPose(f"{name} is no rigid transform")
+    first, count = 0, len(flat)
+    with np.errstate(all="ignore"):
+        while count > 1:  # halve the range that has it
+            half = count // 2
+            if is_rigid(flat[first : first + half].reshape(-1, 16).T):
+                first, count = first + half, count - half
+            else:
+                count = half
+        index = [int(k) for k in np.unravel_index(first, shape)] if shape else ""
+        return InvalidPose(f"{name}{index} {_fault(flat[first])}")
 
 
 def _fault(pose: FloatArray) -> str:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import struct
-from functools import lru_cache
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -12,25 +12,27 @@ from numpy.typing import ArrayLike, NDArray
 
 from . import _batch, _single
 from .arm import Arm
-from .exceptions import IKError, InvalidPose
+from .exceptions import InvalidPose
 from .kinematics import singular
+from .limits import Bounds, find_bounds
 from .poses import explain
-from .tolerances import LIMIT_SLACK
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
-Bounds = tuple[tuple[int, float, float], ...]
 
-NO_BRANCHES = ((math.nan,) * 6,) * 4
+NO_BRANCHES = [math.nan] * 24
 EXISTS = {
     (front, back): np.array([front] * 4 + [back] * 4, dtype=np.bool_)
     for front in (False, True)
     for back in (False, True)
 }
 """The masks a pose can have: a shoulder reaches it with both elbows and both wrists, or not."""
+for _mask in EXISTS.values():
+    _mask.setflags(write=False)
 
-_unpack = struct.Struct("6d").unpack
-_store = struct.Struct("48d").pack_into  # half the time of np.array on nested tuples
+# both take half the time of the NumPy functions that do the same
+_store: Callable[..., None] = struct.Struct("48d").pack_into
+_BOOL = np.dtype(np.bool_)
 
 
 class Solutions(NamedTuple):
@@ -80,7 +82,7 @@ def inverse(arm: Arm, T: ArrayLike, limits: tuple[ArrayLike, ArrayLike] | None =
         IKError: The limits have a wrong shape or value.
     """
     poses = np.asarray(T, dtype=np.float64)
-    bounds = () if limits is None else _bounds(*limits)
+    bounds = None if limits is None else find_bounds(*limits)
     if poses.shape == (4, 4):
         return _inverse_single(arm, poses, bounds)
     if poses.ndim < 2 or poses.shape[-2:] != (4, 4):
@@ -96,39 +98,18 @@ def inverse(arm: Arm, T: ArrayLike, limits: tuple[ArrayLike, ArrayLike] | None =
     )
 
 
-def _inverse_single(arm: Arm, pose: FloatArray, bounds: Bounds) -> Solutions:
+def _inverse_single(arm: Arm, pose: FloatArray, bounds: Bounds | None) -> Solutions:
     """Solve one pose (4, 4) in Python floats."""
     rows = pose.tolist()
     if not _single.is_rigid(rows):
         raise explain(pose[None], ())
     front, back = _single.solve(arm, rows)
-    valid = EXISTS[front != (), back != ()].copy()
-    branches = [*(front or NO_BRANCHES), *(back or NO_BRANCHES)]
-    inside = valid
+    valid = EXISTS[bool(front), bool(back)].copy()
+    angles = (front or NO_BRANCHES) + (back or NO_BRANCHES)
     if bounds:
-        flags = _single.turn_into_limits(branches, bounds)
-        inside = np.frombuffer(flags, dtype=np.bool_)
-    a, b, c, d, e, f, g, h = branches
+        inside = np.ndarray(8, _BOOL, _single.turn_into_limits(angles, bounds))
+    else:
+        inside = valid.copy()
     q = np.empty((8, 6))
-    _store(q.data, 0, *a, *b, *c, *d, *e, *f, *g, *h)
+    _store(q, 0, *angles)
     return Solutions(arm, q, valid, inside)
-
-
-def _bounds(lower: ArrayLike, upper: ArrayLike) -> Bounds:
-    """List the joints whose limits leave out some angle, with their limits and the slack."""
-    low, high = np.asarray(lower, dtype=np.float64), np.asarray(upper, dtype=np.float64)
-    if low.shape != (6,) or high.shape != (6,):
-        raise IKError(f"limits must have shape (6,), got {low.shape} and {high.shape}")
-    return _bounds_of(low.tobytes(), high.tobytes())
-
-
-@lru_cache(maxsize=64)
-def _bounds_of(lower: bytes, upper: bytes) -> Bounds:
-    """Do the work of `_bounds`; cached, as it would take a third of the time of one pose."""
-    bounds = []
-    for j, (a, b) in enumerate(zip(*map(_unpack, (lower, upper)), strict=True)):
-        if not a <= b:
-            raise IKError(f"limits of joint {j + 1} are not in order: {a} and {b}")
-        if a - LIMIT_SLACK > -math.pi or b + LIMIT_SLACK < math.pi:
-            bounds.append((j, a - LIMIT_SLACK, b + LIMIT_SLACK))
-    return tuple(bounds)

@@ -19,7 +19,8 @@ def dh_formulas(dh: DH) -> list[Any]:
 
     Returns:
         T_base_0, then T_{i-1,i} for each row, then T_n_tool: n + 2 sympy matrices (4, 4). Their
-        product is the pose of the tool in the base frame.
+        product is the pose of the tool in the base frame. `sympy.sstr(T, full_prec=False)` prints
+        0.35 as 0.35.
 
     Raises:
         ModuleNotFoundError: sympy is not installed; the message says how to get it.

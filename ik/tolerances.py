@@ -47,11 +47,14 @@ ANGLE_TOLERANCE: Final = 1e-6
 LENGTH_TOLERANCE: Final = 1e-6
 """How far the three wrist axes may miss their common point in an arm of the class [m]."""
 
-JUMP_ANGLE: Final = 0.5
-"""Smallest joint motion between close waypoints that counts as a branch jump [rad]."""
-
 CLOSE_POSE: Final = 0.1
-"""Waypoints are close below this rotation plus translation over L2 + L3 [rad]."""
+"""Waypoints are close below this distance, rotation plus translation over L2 + L3 [rad]."""
+
+STRAY: Final = 0.01
+"""Between close waypoints the tool may be this much further from them than they are apart [rad].
+
+As a distance of the same kind. Beyond it the step is a jump.
+"""
 
 TIE_WEIGHT: Final = 1e-9
 """Weight of the sum of the joints' times against the time of the slowest one [1].

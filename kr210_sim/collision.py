@@ -33,6 +33,7 @@ class MujocoOracle:
         self._data = mujoco.MjData(self._model)
         self._data.qpos[:] = simulation.data.qpos
         self._model.geom_margin[:] = CLEARANCE_FREE
+        self._model.body_margin[:] = CLEARANCE_FREE  # what the broad phase goes by
         self._model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_MULTICCD
         self._arm = simulation.addresses.arm
         self._fingers = simulation.addresses.fingers

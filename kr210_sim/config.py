@@ -11,6 +11,9 @@ from kr210_sim.exceptions import BadInput
 from kr210_sim.source import RobotSource
 
 MAX_CYCLES = 1_000_000
+MIN_MASS = 1e-6
+"""Lightest target [kg]; MuJoCo needs some inertia."""
+
 SOLVERS = ("analytic", "numeric")
 EPISODE_CYCLES = 10
 """Cycles in one scene; targets that earlier cycles placed stay in the bin."""
@@ -67,8 +70,8 @@ class RunConfig:
             raise BadInput(f"--seed: {self.seed} is negative; give 0 or more")
         if self.cell not in ("random", "all") and not _is_cell_number(self.cell):
             raise BadInput(f"--cell: '{self.cell}' is no cell; give a number from 1, random or all")
-        if not (math.isfinite(self.mass) and self.mass > 0):
-            raise BadInput(f"--mass: {self.mass} is impossible; give kilograms above 0")
+        if not (math.isfinite(self.mass) and self.mass >= MIN_MASS):
+            raise BadInput(f"--mass: {self.mass} is impossible; give {MIN_MASS:g} kg or more")
         if not (math.isfinite(self.speed) and 0 < self.speed <= 1):
             raise BadInput(f"--speed: {self.speed} is out of range; give 0 < F <= 1")
         self.robot_source()
@@ -108,4 +111,4 @@ class RunConfig:
 
 
 def _is_cell_number(text: str) -> bool:
-    return text.isascii() and text.isdigit() and int(text) >= 1
+    return text.isascii() and text.isdigit() and len(text) <= 6 and int(text) >= 1

@@ -138,6 +138,7 @@ class CyclePlanner:
                 break
         if not pick_tracks:
             raise self._finder.failure("MOVE_TO_PICK", "the target's cell")
+        self._finder.forget()
         blocked_by = ""
         for batch in self._batches(places):
             place_tracks: list[Track] = []

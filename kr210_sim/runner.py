@@ -23,7 +23,7 @@ from kr210_sim.exceptions import BadInput
 from kr210_sim.loading import load_robot
 from kr210_sim.mjcf_files import save_model
 from kr210_sim.playback import episode_world
-from kr210_sim.record import CycleRecord, save_record
+from kr210_sim.record import save_record
 from kr210_sim.robot import Robot
 from kr210_sim.scene import Scene, Target, build_scene, find_scene
 from kr210_sim.score import CycleScore, score_cycle
@@ -46,7 +46,7 @@ class Episode:
         first_cycle: index in the run of its first cycle.
         seeds: one per cycle.
         cells: cell number per cycle.
-        all_from_start: whether all targets stand in their cells from the start.
+        all_from_start: whether a target stands in every cell of the scene from the start.
     """
 
     index: int
@@ -106,14 +106,28 @@ def plan_episodes(config: RunConfig, scene: Scene) -> Iterator[Episode]:
             )
         else:
             cells = (int(config.cell),) * size
-        used = min(size, config.cycles - first)
         yield Episode(
             index=index,
             first_cycle=first,
-            seeds=seeds[:used],
-            cells=cells[:used],
+            seeds=seeds[: config.cycles - first],
+            cells=cells[: config.cycles - first],
             all_from_start=everywhere,
         )
+
+
+def episode_targets(scene: Scene, episode: Episode, mass: float) -> list[Target]:
+    """Return the targets of an episode, first those that are picked, in turn."""
+    rest = [cell.number for cell in scene.cells if cell.number not in episode.cells]
+    return [
+        Target(
+            number=index,
+            cell=cell,
+            mass=mass,
+            T_base_target=scene.stand_in_cell(cell, TARGET_LENGTH),
+            length=TARGET_LENGTH,
+        )
+        for index, cell in enumerate([*episode.cells, *rest * episode.all_from_start])
+    ]
 
 
 def run_episode(
@@ -124,28 +138,19 @@ def run_episode(
     limits: MotionLimits,
     solver: Solver | None = None,
     probe: Probe | None = None,
-) -> Iterator[tuple[Target, CycleScore]]:
-    """Run the cycles of one episode, yielding each target and its score as it is finished.
+) -> Iterator[CycleScore]:
+    """Run the cycles of one episode, yielding each score as it is finished.
 
     A target that was placed stays in the bin. A cycle that failed leaves no trace: its target is
     taken away and everything else is put back as it was when the cycle began, the robot at home.
     """
     mujoco.set_mju_user_warning(_ignore)  # the simulation is asked instead, and no log file appears
     simulation = Simulation(scene)
-    targets = [
-        Target(
-            number=index,
-            cell=cell,
-            mass=mass,
-            T_base_target=scene.stand_in_cell(cell, TARGET_LENGTH),
-            length=TARGET_LENGTH,
-        )
-        for index, cell in enumerate(episode.cells)
-    ]
+    targets = episode_targets(scene, episode, mass)
     if episode.all_from_start:
         for target in targets:
             simulation.add(target)
-    for index, target in enumerate(targets):
+    for index, target in enumerate(targets[: len(episode.cells)]):
         if not episode.all_from_start:
             simulation.add(target)
         setup = CycleSetup(
@@ -157,7 +162,7 @@ def run_episode(
         )
         record = run_cycle(simulation, target, setup, probe=probe)
         score = score_cycle(record, time_limit=scene.time_limit)
-        yield target, score
+        yield score
         if not score.success:
             simulation.remove(target.name)
             simulation.restart(record.start)
@@ -192,16 +197,17 @@ def run(
     scores: list[CycleScore] = []
     try:
         for episode in plan_episodes(config, scene):
-            finished: list[tuple[Target, CycleScore]] = []
+            finished: list[CycleScore] = []
+            targets = episode_targets(scene, episode, config.mass)
             try:
-                for target, score in run_episode(
+                for score in run_episode(
                     scene, episode, mass=config.mass, limits=limits, solver=solver
                 ):
-                    finished.append((target, score))
+                    finished.append(score)
                     on_cycle(score)
             finally:
-                scores += [score for _, score in finished]
-                _write_episode(out, scene, episode, finished)
+                scores += finished
+                _write_episode(out, scene, episode, targets, finished)
     finally:
         summary = summarize(
             scores,
@@ -217,10 +223,10 @@ def run(
 
 def _new_folder(config: RunConfig) -> Path:
     stamp = time.strftime("%Y%m%d-%H%M%S")
-    out = config.out or Path("runs") / f"{stamp}-seed{config.seed}"
-    if out.exists() and (not out.is_dir() or any(out.iterdir())):
-        raise BadInput(f"--out: {out} is not empty; name a folder that does not exist yet")
+    out = config.out or _unused(Path("runs") / f"{stamp}-seed{config.seed}")
     try:
+        if out.exists() and (not out.is_dir() or any(out.iterdir())):
+            raise BadInput(f"--out: {out} is not empty; name a folder that does not exist yet")
         out.mkdir(parents=True, exist_ok=True)
         (out / "cycles").mkdir()
     except OSError as error:
@@ -228,6 +234,14 @@ def _new_folder(config: RunConfig) -> Path:
             f"--out: {out} cannot be written ({error.strerror}); name another"
         ) from error
     return out
+
+
+def _unused(folder: Path) -> Path:
+    """Return the folder, or the first of its numbered namesakes that does not exist."""
+    path, number = folder, 2
+    while path.exists():
+        path, number = folder.with_name(f"{folder.name}-{number}"), number + 1
+    return path
 
 
 def _provenance(config: RunConfig, scene: Scene) -> dict[str, Any]:
@@ -242,19 +256,22 @@ def _provenance(config: RunConfig, scene: Scene) -> dict[str, Any]:
 
 
 def _write_episode(
-    out: Path, scene: Scene, episode: Episode, finished: list[tuple[Target, CycleScore]]
+    out: Path,
+    scene: Scene,
+    episode: Episode,
+    targets: list[Target],
+    finished: list[CycleScore],
 ) -> None:
     if not finished:
         return
-    records: list[CycleRecord] = [score.record for _, score in finished]
+    records = [score.record for score in finished]
     folder = out / "episodes" / f"{episode.index:04d}"
     folder.mkdir(parents=True, exist_ok=True)
-    world = episode_world(scene, [target for target, _ in finished], records)
-    save_model(world, folder / "scene.xml")
+    save_model(episode_world(scene, targets, records), folder / "scene.xml")
     for record in records:
         save_record(record, out / "cycles" / f"{record.cycle:04d}.npz")
     with (out / "cycles.jsonl").open("a", encoding="utf-8") as file:
-        for _, score in finished:
+        for score in finished:
             file.write(json.dumps(score.as_json(), allow_nan=False) + "\n")
 
 

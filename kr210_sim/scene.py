@@ -179,6 +179,12 @@ def build_scene(path: Path, robot: Robot, robot_spec: mujoco.MjSpec) -> Scene:
     mujoco.mj_kinematics(world, data)
     T_world_base = _site_pose(path, world, data, "robot_base")
     T_base_world = np.linalg.inv(T_world_base)
+    if T_world_base[2, 2] < 1 - 1e-6:
+        raise BadInput(f"{path}: site 'robot_base' is tilted; its +z axis must point up")
+    for index in range(1, world.nbody):
+        name = world.body(index).name
+        if name.startswith(ROBOT_PREFIX) or re.fullmatch(r"target_\d+", name):
+            raise BadInput(f"{path}: body '{name}' has a reserved name; rename it")
     for body in ("shelf", "bin"):
         if mujoco.mj_name2id(world, mujoco.mjtObj.mjOBJ_BODY, body) < 0:
             raise BadInput(f"{path}: body '{body}' is missing; name the fixture's body so")
@@ -263,16 +269,24 @@ def _prism(spec: mujoco.MjSpec, radius: float, length: float) -> str:
     return name
 
 
+def _physics() -> dict[str, Any]:
+    """Return every physics option: ours, and MuJoCo's default where we have none."""
+    default = mujoco.MjOption()
+    fields = [name for name in dir(default) if not name.startswith("_")]
+    return {name: getattr(default, name) for name in fields} | OPTIONS
+
+
 def _apply_options(spec: mujoco.MjSpec) -> None:
-    for field, value in OPTIONS.items():
-        setattr(spec.option, field, value)
+    for field, value in _physics().items():
+        if hasattr(spec.option, field):
+            setattr(spec.option, field, value)
 
 
 def _option_notes(world: mujoco.MjModel) -> tuple[str, ...]:
     """Say which physics options of the scene file are replaced by ours."""
     default = mujoco.MjOption()
     notes = []
-    for field, ours in OPTIONS.items():
+    for field, ours in _physics().items():
         theirs = getattr(world.opt, field)
         changed = not np.array_equal(theirs, getattr(default, field))
         if changed and not np.array_equal(theirs, ours):
@@ -326,10 +340,13 @@ def _support(
     p_world: Array,
 ) -> str:
     """Return the name of the geom right under a cell site, naming it if it has none."""
-    above, geom = 0.01, np.full(1, -1, dtype=np.int32)
-    start, down = np.array([*p_world[:2], p_world[2] + above]), np.array([0.0, 0.0, -1.0])
-    distance = mujoco.mj_ray(model, data, start, down, None, True, -1, geom)
-    if geom[0] < 0 or abs(distance - above) > 1e-3:
+    height, geom = 0.01, np.full(1, -1, dtype=np.int32)
+    start, down = np.array([*p_world[:2], p_world[2] + height]), np.array([0.0, 0.0, -1.0])
+    while (distance := mujoco.mj_ray(model, data, start, down, None, True, -1, geom)) >= 0:
+        start[2] -= distance + 1e-9
+        if model.geom_contype[geom[0]] or model.geom_conaffinity[geom[0]]:
+            break  # anything else is decoration, which supports nothing
+    if geom[0] < 0 or abs(start[2] - p_world[2]) > 1e-3:
         raise BadInput(
             f"{path}: site 'cell_{number}' is not on a supporting surface; put it there within 1 mm"
         )

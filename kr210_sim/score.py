@@ -55,8 +55,8 @@ class CycleScore:
 
     @property
     def success(self) -> bool:
-        """Whether all conditions hold."""
-        return all(self.conditions.values())
+        """Whether all conditions hold and no event cut the cycle short."""
+        return self.cause is None
 
     def as_json(self) -> dict[str, Any]:
         """Return the line of `cycles.jsonl`; what does not exist is None."""
@@ -131,10 +131,10 @@ def _carrying(record: CycleRecord) -> NDArray[np.bool_]:
 
 def _first_cause(record: CycleRecord, conditions: dict[str, bool]) -> Event | None:
     """Return the earliest event, or the first condition that fails at the end; None on success."""
-    if all(conditions.values()):
-        return None
     if record.events:
         return min(record.events, key=lambda event: event.time)
+    if all(conditions.values()):
+        return None
     name = next(name for name, holds in conditions.items() if not holds)
     time = float(record.series["time"][-1])
     stage = STAGES[int(record.series["stage"][-1])]

@@ -136,12 +136,13 @@ class Simulation:
         model, data = self.model, self.data
         rows = np.empty((len(ctrl), model.nsensordata))
         sensordata, target, weights = data.sensordata, data.ctrl, self.foreign_weights
-        for index in range(len(ctrl)):
-            target[:] = ctrl[index]
-            mujoco.mj_step(model, data)
-            rows[index] = sensordata
-            if weights @ sensordata > 0.5:
-                return rows[: index + 1]
+        with np.errstate(invalid="ignore"):  # a diverging state is for the caller to see
+            for index in range(len(ctrl)):
+                target[:] = ctrl[index]
+                mujoco.mj_step(model, data)
+                rows[index] = sensordata
+                if weights @ sensordata > 0.5:
+                    return rows[: index + 1]
         return rows
 
     @property

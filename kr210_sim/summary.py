@@ -100,7 +100,7 @@ def cycle_line(score: CycleScore) -> str:
         f"{record.cycle:>5} {record.seed:>10} {record.cell:>4}  {verdict:<16} "
         f"{_number(score.cycle_time_s, 1, 2):>6} {_number(score.grasp_slip_m, 1e3, 2):>7} "
         f"{_number(score.place_offset_m, 1e3, 0):>8} {_number(tracking, 1e3, 2):>8} "
-        f"{'-' if offset is None else f'{offset:.1e}':>11}"
+        f"{_exponent(offset):>11}"
     )
     if score.cause is not None:
         line += f"\n      {score.cause.stage} at {score.cause.time:.2f} s: {score.cause.detail}"
@@ -109,6 +109,10 @@ def cycle_line(score: CycleScore) -> str:
 
 def _number(value: float | None, scale: float, digits: int) -> str:
     return "-" if value is None else f"{value * scale:.{digits}f}"
+
+
+def _exponent(value: float | None) -> str:
+    return "-" if value is None else f"{value:.1e}"
 
 
 def summary_text(summary: dict[str, Any]) -> str:
@@ -123,7 +127,7 @@ def summary_text(summary: dict[str, Any]) -> str:
         f"interval {100 * low:.1f} to {100 * high:.1f} %); gate {summary['min_success']:g}: {gate}",
         f"cycle time     mean {_number(summary['cycle_time_s']['mean'], 1, 2)} s, "
         f"p95 {_number(summary['cycle_time_s']['p95'], 1, 2)} s (simulated)",
-        f"offsets, max   IK {summary['ik_offset_m']['max'] or 0:.1e} m, tracking "
+        f"offsets, max   IK {_exponent(summary['ik_offset_m']['max'])} m, tracking "
         f"{_number(summary['tracking_offset_m']['max'], 1e3, 2)} mm, grasp slip "
         f"{_number(summary['grasp_slip_m']['max'], 1e3, 2)} mm",
         f"limits         velocity {_degrees(summary['limits']['velocity_rad_s'])} deg/s",

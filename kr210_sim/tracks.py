@@ -95,8 +95,12 @@ class TrackFinder:
             found = self._accept(q)
         return [Track(T_base_palm=T_base_palm, q=q, knots=knots) for q in found]
 
+    def forget(self) -> None:
+        """Forget what the polylines tried so far failed for."""
+        self._problems.clear()
+
     def failure(self, stage: str, where: str) -> CycleFailure:
-        """Return why no track was found, for all polylines tried so far."""
+        """Return why no track was found, for all polylines tried since `forget`."""
         if "branch" in self._problems:
             detail = f"no IK branch stays continuous along the straight lines at {where}"
             return CycleFailure("no_path", detail, stage=stage)

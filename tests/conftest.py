@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import os
+import pickle
+import time
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -10,12 +13,12 @@ from typing import Any
 import mujoco
 import pytest
 
+import kr210_sim.runner
 from kr210_sim.config import RunConfig
 from kr210_sim.cycle import CycleSetup, Probe, run_cycle
 from kr210_sim.description import Description, load_description
 from kr210_sim.mjcf import robot_spec
-from kr210_sim.resources import resource
-from kr210_sim.robot import Robot, find_robot
+from kr210_sim.robot import Robot, bundled_robot, find_robot
 from kr210_sim.runner import TARGET_LENGTH, run
 from kr210_sim.scene import Scene, Target, build_scene, find_scene
 from kr210_sim.score import CycleScore, score_cycle
@@ -42,7 +45,19 @@ def _no_log_file() -> None:
 
 @pytest.fixture(scope="session")
 def description() -> Description:
-    return load_description(resource("assets", "kr210", "kr210.urdf.xacro"))
+    return load_description(bundled_robot())
+
+
+@pytest.fixture(scope="session", autouse=True)
+def _expand_once(description: Description) -> Iterator[None]:
+    """Let runs share one expansion of the bundled xacro; test_description shows it repeatable."""
+
+    def load(path: Path) -> Description:
+        return description if path == bundled_robot() else load_description(path)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(kr210_sim.runner, "load_description", load)
+        yield
 
 
 @pytest.fixture(scope="session")
@@ -78,11 +93,32 @@ def limits(robot: Robot) -> MotionLimits:
 
 @pytest.fixture(scope="session")
 def default_run(tmp_path_factory: pytest.TempPathFactory) -> Run:
-    """The run of `python run_cycles.py`: ten cycles, seed 0. Everything that can shares it."""
-    out = tmp_path_factory.mktemp("default") / "run"
+    """The run of `python run_cycles.py`: ten cycles, seed 0. Everything that can shares it.
+
+    Of parallel test processes one makes it, and the others wait for it.
+    """
+    root = tmp_path_factory.getbasetemp()
+    folder = (root.parent if "PYTEST_XDIST_WORKER" in os.environ else root) / "default"
+    done, part = folder / "run.pickle", folder / "run.part"
+    try:
+        folder.mkdir()
+    except FileExistsError:
+        while not done.exists():
+            assert not (folder / "failed").exists(), "the default run raised in another process"
+            time.sleep(0.1)
+        made = pickle.loads(done.read_bytes())
+        assert isinstance(made, Run)
+        return made
     scores: list[CycleScore] = []
-    _, summary = run(RunConfig(out=out), on_cycle=scores.append)
-    return Run(out=out, summary=summary, scores=scores)
+    try:
+        _, summary = run(RunConfig(out=folder / "run"), on_cycle=scores.append)
+    except BaseException:
+        (folder / "failed").touch()
+        raise
+    made = Run(out=folder / "run", summary=summary, scores=scores)
+    part.write_bytes(pickle.dumps(made))
+    part.rename(done)
+    return made
 
 
 def standing_target(scene: Scene, cell: int, number: int = 0, mass: float = 1.0) -> Target:

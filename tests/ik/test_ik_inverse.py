@@ -111,6 +111,33 @@ def test_one_pose_and_many_give_the_same(name):
         assert np.array_equal(np.isnan(one.q), np.isnan(many.q[i]))
 
 
+def test_odd_lengths_are_solved_as_well():
+    rng = np.random.default_rng(8)
+    for _ in range(60):
+        arm = ik.Arm(
+            a1=rng.choice([0.0, -0.3, 0.4]),
+            b=rng.choice([0.0, -0.2, 0.1]),
+            d1=rng.normal(),
+            L2=rng.choice([0.5, 0.8]),
+            a3=rng.choice([-0.3, 0.0, 0.4]),
+            d4=rng.choice([-0.4, 0.5]),
+            signs=tuple(rng.choice([-1, 1], 6)),
+            offsets=tuple(rng.uniform(-4, 4, 6)),
+        )
+        q = rng.uniform(-np.pi, np.pi, (30, 6))
+        T = ik.forward(arm, q)
+        limits = -rng.uniform(0, 7, 6), rng.uniform(0, 7, 6)
+        many = ik.inverse(arm, T, limits)
+        assert np.abs(ik.forward(arm, many.q) - T[:, None])[many.valid].max() < 1e-14
+        error = np.abs(wrapped(many.q - q[:, None])).max(axis=-1)
+        assert np.nanmin(error, axis=1).max() < 1e-9
+        assert np.array_equal(many.in_limits, ik.within_limits(many.q, *limits))
+        for i in range(5):
+            one = ik.inverse(arm, T[i], limits)
+            assert np.array_equal(one.in_limits, many.in_limits[i])
+            assert one.q == pytest.approx(many.q[i], abs=1e-14, nan_ok=True)
+
+
 def test_branches_come_in_the_documented_order():
     _, T = random_poses(500, seed=3)
     found = ik.inverse(ik.KR210, T)
@@ -190,7 +217,15 @@ def test_limits_have_slack():
     assert not (np.abs(found.q - q).max(axis=-1) < 1e-7)[found.in_limits].any()
 
 
-@pytest.mark.parametrize("limits", [(np.zeros(5), np.ones(5)), (np.ones(6), np.zeros(6))])
+@pytest.mark.parametrize(
+    "limits",
+    [
+        (np.zeros(5), np.ones(5)),
+        (np.ones(6), np.zeros(6)),
+        (np.zeros((2, 3)), np.ones((2, 3))),
+        (np.full(6, np.nan), np.ones(6)),
+    ],
+)
 def test_bad_limits_are_refused(limits):
     with pytest.raises(ik.IKError, match="limits"):
         ik.inverse(ik.KR210, np.eye(4), limits)
@@ -207,6 +242,8 @@ def test_bad_limits_are_refused(limits):
         (lambda T: T.__setitem__((3, 3), 2.0), "bottom row"),
         (lambda T: T[:3, 0].__iadd__(0.01), "not orthonormal"),
         (lambda T: T[:3, :3].__imul__(0), "not orthonormal"),
+        (lambda T: T[:3, :3].__imul__(1e200), "not orthonormal"),
+        (lambda T: T[:3, :3].__imul__(np.inf), "not finite"),
     ],
 )
 def test_what_is_no_pose_is_refused(change, words):

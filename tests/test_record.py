@@ -1,0 +1,65 @@
+"""A record goes to disk and comes back, and shows an unbroken course of events."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from kr210_sim.record import RECORD_STEP, SERIES, STAGES, load_series, save_record
+
+
+def test_a_saved_record_comes_back_to_float32(good_cycle, tmp_path):
+    record = good_cycle.record
+    path = tmp_path / "deep" / "0000.npz"
+    save_record(record, path)
+    loaded = load_series(path)
+    for name in SERIES:
+        assert loaded[name].dtype == np.float32
+        np.testing.assert_array_equal(loaded[name], record.series[name].astype(np.float32))
+    assert tuple(loaded["stage_names"]) == STAGES
+    assert list(loaded["joint_names"]) == list(record.start)
+    assert loaded["joint_widths"].sum() == loaded["qpos"].shape[1]
+
+
+def test_a_saved_record_needs_no_pickle(good_cycle, tmp_path):
+    path = tmp_path / "0000.npz"
+    save_record(good_cycle.record, path)
+    with np.load(path, allow_pickle=False) as archive:
+        assert set(SERIES) <= set(archive.files)
+
+
+def test_a_record_has_a_row_for_every_record_step_and_no_gaps(default_run):
+    for score in default_run.scores:
+        series = score.record.series
+        assert set(series) == set(SERIES)
+        count = len(series["time"])
+        assert {len(values) for values in series.values()} == {count}
+        np.testing.assert_allclose(series["time"], RECORD_STEP * np.arange(1, count + 1))
+        assert all(np.all(np.isfinite(values)) for values in series.values())
+
+
+def test_stages_follow_each_other_in_order(default_run):
+    for score in default_run.scores:
+        stages = score.record.series["stage"].astype(int)
+        assert np.all(np.diff(stages) >= 0)
+        assert set(stages) >= set(range(len(STAGES) - 1))
+
+
+def test_quaternions_in_a_record_are_unit_and_follow_each_other(good_cycle):
+    series = good_cycle.record.series
+    for name in ("tcp_commanded", "tcp_measured"):
+        quat_wxyz = series[name][:, 3:]
+        np.testing.assert_allclose(np.linalg.norm(quat_wxyz, axis=1), 1.0, atol=1e-9)
+    dot = np.abs(np.sum(series["tcp_commanded"][:, 3:] * series["tcp_measured"][:, 3:], axis=1))
+    assert np.all(dot > np.cos(0.01))
+
+
+def test_the_arm_never_moves_faster_in_the_record_than_its_limits(default_run, robot):
+    """10 ms apart, so no faster on average either; the position itself is the witness."""
+    for score in default_run.scores:
+        names = list(score.record.start)
+        widths = [len(values) for values in score.record.start.values()]
+        first = dict(zip(names, np.cumsum([0, *widths[:-1]]), strict=True))
+        arm = [first[f"robot/{name}"] for name in robot.arm_joints]
+        q = score.record.series["qpos"][:, arm]
+        assert np.all(np.abs(np.diff(q, axis=0)) <= 1.02 * robot.velocity * RECORD_STEP)
+        assert np.all((q >= robot.lower - 1e-4) & (q <= robot.upper + 1e-4))

@@ -1,0 +1,151 @@
+"""The summary counts what the scores say, passes its gate, and never prints what is not there."""
+
+from __future__ import annotations
+
+import copy
+import json
+
+import numpy as np
+import pytest
+
+from kr210_sim.record import CycleRecord, Event
+from kr210_sim.score import score_cycle
+from kr210_sim.summary import HEADER, cycle_line, summarize, summary_text
+
+KEYS = {
+    "cycles", "succeeded", "success_rate", "ci95", "passed", "seed", "cycle_time_s",
+    "motion_time_s", "ik_offset_m", "ik_offset_rad", "tracking_offset_m", "grasp_slip_m",
+    "grasp_slip_rad", "place_offset_m", "ik_time_s", "plan_time_s", "wall_time_s",
+    "realtime_factor", "failures", "limits",
+}  # fmt: skip
+
+
+@pytest.fixture
+def summary_of(limits):
+    def make(scores, min_success=0.8):
+        return summarize(
+            scores, seed=5, min_success=min_success, limits=limits, notes=(), wall_time_s=2.0
+        )
+
+    return make
+
+
+@pytest.fixture
+def failed():
+    """A cycle that failed before anything moved."""
+
+    def make(reason: str):
+        record = CycleRecord(cycle=7, episode=0, seed=99, cell=2, target={"mass_kg": 1.0})
+        record.events = [Event(reason=reason, stage="MOVE_TO_PICK", time=0.0, detail="no way in")]
+        return score_cycle(record, time_limit=60.0)
+
+    return make
+
+
+def test_a_summary_has_every_field_of_the_contract(summary_of, good_cycle):
+    summary = summary_of([good_cycle])
+    assert set(summary) >= KEYS
+    assert summary["seed"] == 5
+    for name, fields in {
+        "cycle_time_s": "mean p50 p95 max", "motion_time_s": "mean p50 p95 max",
+        "ik_offset_m": "mean p99 max", "ik_offset_rad": "mean p99 max",
+        "tracking_offset_m": "mean p99 max", "grasp_slip_m": "mean p95 max",
+        "grasp_slip_rad": "mean p95 max", "place_offset_m": "mean p95 max",
+        "ik_time_s": "mean p50 p95 max", "plan_time_s": "mean p50 p95 max",
+    }.items():  # fmt: skip
+        assert set(summary[name]) == set(fields.split()), name
+        assert all(isinstance(value, float) for value in summary[name].values()), name
+
+
+@pytest.mark.parametrize(
+    ("good", "bad", "gate", "passed"),
+    [(8, 2, 0.8, True), (7, 3, 0.8, False), (0, 3, 0.0, True), (9, 0, 1, True), (9, 1, 1, False)],
+)
+def test_the_gate_is_passed_at_its_very_value(
+    summary_of, good_cycle, failed, good, bad, gate, passed
+):
+    summary = summary_of([good_cycle] * good + [failed("no_path")] * bad, gate)
+    assert summary["passed"] is passed
+    assert (summary["cycles"], summary["succeeded"]) == (good + bad, good)
+    assert summary["success_rate"] == pytest.approx(good / (good + bad))
+    low, high = summary["ci95"]
+    assert low <= summary["success_rate"] <= high
+
+
+def test_times_are_those_of_successful_cycles_only(summary_of, good_cycle, failed):
+    slow = copy.deepcopy(good_cycle.record)
+    slow.home_time = 59.0
+    slow.final["supported"] = 0.0
+    scores = [good_cycle, score_cycle(slow, time_limit=60.0), failed("no_path")]
+    summary = summary_of(scores)
+    assert summary["cycle_time_s"]["max"] == pytest.approx(good_cycle.cycle_time_s)
+
+
+def test_failures_are_counted_by_reason(summary_of, good_cycle, failed):
+    scores = [failed("timeout"), failed("no_path"), good_cycle, failed("no_path")]
+    assert summary_of(scores)["failures"] == {"no_path": 2, "timeout": 1}
+
+
+def test_offsets_are_pooled_over_all_points(summary_of, good_cycle):
+    summary = summary_of([good_cycle, good_cycle])
+    assert summary["ik_offset_m"]["max"] == np.max(good_cycle.ik_offset_m)
+    assert summary["tracking_offset_m"]["max"] == np.max(good_cycle.tracking_offset_m)
+    assert summary["tracking_offset_m"]["mean"] == pytest.approx(
+        np.mean(good_cycle.tracking_offset_m)
+    )
+
+
+def test_the_simulated_time_over_the_wall_time_is_the_real_time_factor(summary_of, good_cycle):
+    simulated = good_cycle.record.series["time"][-1]
+    assert summary_of([good_cycle] * 3)["realtime_factor"] == pytest.approx(3 * simulated / 2.0)
+
+
+@pytest.mark.parametrize("scores", ["none", "failed"])
+def test_what_does_not_exist_is_null_and_never_nan(summary_of, failed, scores):
+    summary = summary_of([] if scores == "none" else [failed("no_path")])
+    text = json.dumps(summary, allow_nan=False)
+    assert "NaN" not in text
+    assert set(summary["cycle_time_s"].values()) == {None}
+    assert set(summary["ik_offset_m"].values()) == {None}
+    assert not summary["passed"]
+
+
+def test_no_cycles_have_no_rate(summary_of):
+    summary = summary_of([])
+    assert (summary["cycles"], summary["success_rate"], summary["ci95"]) == (0, None, None)
+
+
+# ---- on the terminal ------------------------------------------------------------------------
+
+
+def test_the_table_has_a_column_under_every_heading(good_cycle):
+    line = cycle_line(good_cycle)
+    assert len(line) <= len(HEADER) + 1
+    assert "success" in line
+    assert str(good_cycle.record.seed) in line
+
+
+def test_a_failed_cycle_shows_its_first_cause(failed):
+    first, second = cycle_line(failed("no_path")).split("\n")
+    assert "no_path" in first
+    assert "MOVE_TO_PICK" in second
+    assert "no way in" in second
+
+
+def test_nothing_that_is_not_there_is_printed_as_a_number(summary_of, failed):
+    for text in (
+        cycle_line(failed("no_path")),
+        summary_text(summary_of([failed("no_path")])),
+        summary_text(summary_of([])),
+    ):
+        assert "nan" not in text.lower()
+        assert "None" not in text
+        assert "0.0e+00" not in text
+
+
+def test_the_text_says_the_rate_its_interval_and_the_gate(summary_of, good_cycle):
+    text = summary_text(summary_of([good_cycle] * 10))
+    assert "10 of 10" in text
+    assert "69.2 to 100.0 %" in text
+    assert "passed" in text
+    assert "FAILED" in summary_text(summary_of([good_cycle] * 3, 1.0) | {"passed": False})
