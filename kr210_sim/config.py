@@ -64,6 +64,8 @@ class RunConfig:
 
     def __post_init__(self) -> None:
         """Check every value."""
+        for name in ("package", "xacro_arg"):  # lists, as a saved configuration has them
+            object.__setattr__(self, name, tuple(getattr(self, name)))
         if not 1 <= self.cycles <= MAX_CYCLES:
             raise BadInput(f"--cycles: {self.cycles} is out of range; give 1 to {MAX_CYCLES}")
         if self.seed < 0:

@@ -13,7 +13,7 @@ from typing import Any
 import mujoco
 import pytest
 
-import kr210_sim.runner
+import kr210_sim.loading
 from kr210_sim.config import RunConfig
 from kr210_sim.cycle import CycleSetup, Probe, run_cycle
 from kr210_sim.description import Description, load_description
@@ -52,11 +52,11 @@ def description() -> Description:
 def _expand_once(description: Description) -> Iterator[None]:
     """Let runs share one expansion of the bundled xacro; test_description shows it repeatable."""
 
-    def load(path: Path) -> Description:
-        return description if path == bundled_robot() else load_description(path)
+    def load(path: Path, *options: Any) -> Description:
+        return description if path == bundled_robot() else load_description(path, *options)
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(kr210_sim.runner, "load_description", load)
+        patch.setattr(kr210_sim.loading, "load_description", load)
         yield
 
 
