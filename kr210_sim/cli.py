@@ -149,8 +149,7 @@ def _run(options: argparse.Namespace) -> int:
         print("\n".join(list_scenes()))
         return EXIT_PASSED
     values: dict[str, Any] = {name: getattr(options, name) for name in RunConfig.metadata()}
-    lists = {name: tuple(value) for name, value in values.items() if isinstance(value, list)}
-    config = RunConfig(**(values | lists))
+    config = RunConfig(**values)
     film = _film(config)
     from kr210_sim.runner import run
     from kr210_sim.summary import HEADER, cycle_line, summary_text

@@ -122,7 +122,7 @@ class ShapeBuilder:
 
     def _mesh(self, name: str, mesh: Any, kind: str) -> list[tuple[str, str | None]]:
         """Return the assets of a mesh file, with the material of each, adding them once."""
-        where = f"{self._packages.robot_file.name}: geometry '{name}'"
+        where = f"geometry '{name}'"
         if not mesh.filename:
             raise BadInput(f"{where}: <mesh> has no filename; give one")
         path = self._packages.resolve(mesh.filename, where=where)

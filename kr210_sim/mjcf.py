@@ -55,7 +55,10 @@ def build_robot(description: Description, robot: Robot) -> tuple[mujoco.MjSpec, 
     links = {link.name: link for link in description.model.robot.links}
     efforts = dict(zip(robot.arm_joints, robot.effort.tolist(), strict=True))
     efforts |= dict.fromkeys((robot.finger_joint, robot.mimic_joint), robot.grip_force)
-    _add_link(spec.worldbody, links[robot.root], None, links, children, shapes)
+    try:
+        _add_link(spec.worldbody, links[robot.root], None, links, children, shapes)
+    except BadInput as error:
+        raise BadInput(f"{description.path}: {error}") from error
     for name, effort in efforts.items():
         _limit_effort(spec.joint(name), effort)
     position, quat_wxyz = split_pose(robot.T_palm_tcp)
