@@ -93,13 +93,16 @@ def jam_fingers(position: str) -> Act:
     return act
 
 
-def creep(simulation: Simulation) -> None:
-    """Let the servo of joint 1 stray a little further from its command, up to 2 mrad."""
-    model, actuator = simulation.model, simulation.addresses.arm_ctrl[0]
-    stray = model.actuator_biasprm[actuator, 0] / model.actuator_gainprm[actuator, 0]
-    model.actuator_biasprm[actuator, 0] = (
-        min(stray + 5e-5, 2e-3) * model.actuator_gainprm[actuator, 0]
-    )
+def creep(limit: float) -> Act:
+    """Let the servo of joint 1 stray a little further from its command, up to a limit [rad]."""
+
+    def act(simulation: Simulation) -> None:
+        model, actuator = simulation.model, simulation.addresses.arm_ctrl[0]
+        gain = model.actuator_gainprm[actuator, 0]
+        stray = min(model.actuator_biasprm[actuator, 0] / gain + 5e-5, limit)
+        model.actuator_biasprm[actuator, 0] = stray * gain
+
+    return act
 
 
 @pytest.fixture
@@ -309,6 +312,13 @@ def test_a_target_that_hangs_in_the_air_of_the_bin_is_not_supported(one_cycle):
     assert_failed(score, "outside_bin", "placed", score.cause.stage)
 
 
+def test_a_target_gone_astray_and_teleported_into_the_bin_is_no_success(one_cycle):
+    astray = once("RETREAT", lambda simulation: move_target(simulation, np.array([0.0, -3.0, 8.0])))
+    back = once("RETREAT", into_the_bin, after=0.2)
+    score = one_cycle(lambda *now: (astray(*now), back(*now)))
+    assert not score.success
+
+
 # ---- the end --------------------------------------------------------------------------------
 
 
@@ -319,7 +329,7 @@ def test_an_arm_that_leaves_home_again_is_not_home(one_cycle):
     def probe(simulation: Simulation, stage: str, time: float) -> None:
         if stage == "SETTLE":
             settling.append(time)
-            creep(simulation)
+            creep(2e-3)(simulation)
         if stage in ("MOVE_HOME", "SETTLE") and len(settling) < 60:
             simulation.data.joint(TARGET).qvel[5] = 0.5
 
@@ -328,8 +338,13 @@ def test_an_arm_that_leaves_home_again_is_not_home(one_cycle):
 
 
 def test_an_arm_that_stops_short_of_home_is_not_home(one_cycle, impatient):
-    score = one_cycle(throughout("MOVE_HOME", creep))
+    score = one_cycle(throughout("MOVE_HOME", creep(2e-3)))
     assert_failed(score, "not_home", "returned", "MOVE_HOME")
+
+
+def test_an_arm_half_a_milliradian_from_home_is_home(one_cycle, impatient):
+    score = one_cycle(throughout("MOVE_HOME", creep(5e-4)))
+    assert score.success, score.cause
 
 
 def test_a_cycle_beyond_the_time_limit_is_too_late(one_cycle, scene):

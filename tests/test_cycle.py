@@ -65,6 +65,11 @@ def test_the_ik_offset_is_that_of_every_pose_asked_for(default_run):
         assert np.max(score.tracking_offset_m) <= 2e-3
 
 
+def test_a_target_of_ten_kilograms_is_carried_like_any_other(one_cycle, scene):
+    score = one_cycle(target=standing_target(scene, 5, mass=10.0))
+    assert score.success, score.cause
+
+
 # ---- another scene --------------------------------------------------------------------------
 
 
