@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import math
+import xml.etree.ElementTree as ET
 from collections.abc import Iterator
 from typing import Any
 
@@ -13,6 +14,9 @@ from kr210_sim.arrays import Array
 
 MAX_FACES = 2_000_000
 """Most triangles of one file, instances counted."""
+
+MAX_NODES = 100_000
+"""Most nodes of a scene, instances counted: a few lines can ask for billions."""
 
 _TO_Z_UP = {
     "Z_UP": np.eye(3),
@@ -26,11 +30,12 @@ def read_dae(content: bytes) -> Iterator[tuple[Array, Array, tuple[float, ...] |
     """Yield vertices (n, 3) [m], faces (m, 3) and colour (4,) or None of each piece.
 
     Raises:
-        ValueError: if the unit is impossible or there are too many triangles. The reader itself
-            lets errors of many kinds out.
+        ValueError: if the unit is impossible or there are too many triangles or nodes. The reader
+            itself lets errors of many kinds out.
     """
     import collada
 
+    _check_nodes(ET.fromstring(content))
     document = collada.Collada(
         io.BytesIO(content),
         ignore=[collada.common.DaeUnsupportedError, collada.common.DaeBrokenRefError],
@@ -52,6 +57,26 @@ def read_dae(content: bytes) -> Iterator[tuple[Array, Array, tuple[float, ...] |
             raise ValueError(f"it has more than {MAX_FACES} triangles")
         vertices = np.asarray(triangles.vertex, dtype=float) @ to_metres.T
         yield vertices, np.asarray(faces, dtype=np.int64), _color(triangles)
+
+
+def _check_nodes(root: ET.Element) -> None:
+    """Refuse a scene whose nodes, instances of nodes counted, are too many or endless."""
+    nodes = [element for element in root.iter() if element.tag.endswith("}node")]
+    by_id = {f"#{node.get('id')}": node for node in nodes}
+    sizes: dict[int, float] = {}
+
+    def size(node: ET.Element) -> float:
+        key = id(node)
+        if key not in sizes:
+            sizes[key] = math.inf  # what leads back to itself has no end
+            inner = [child for child in node if child.tag.endswith("}node")]
+            used = [child for child in node if child.tag.endswith("}instance_node")]
+            inner += [by_id[child.get("url", "")] for child in used if child.get("url") in by_id]
+            sizes[key] = 1 + sum(size(child) for child in inner)
+        return sizes[key]
+
+    if sum(size(node) for node in nodes) > MAX_NODES:
+        raise ValueError(f"its scene has more than {MAX_NODES} nodes")
 
 
 def _primitives(document: Any) -> Iterator[Any]:

@@ -27,6 +27,12 @@ OFF_AXIS = 0.1
 RESERVE = 1.5
 """Factor on the torque of one joint moving alone: the others move, too."""
 
+TARGET = 1.0
+"""Load in the hand for the advice on speed [kg]: the default target."""
+
+MARGIN = 1.2
+"""Torque over that of one joint moving alone at which no advice is needed."""
+
 _SAMPLES = 512
 _SAME_LENGTH = 1e-3  # [m]
 
@@ -45,15 +51,17 @@ def rate_efforts(description: Description, robot: Robot) -> Robot:
     were 0.1 m further out, and v the velocity limit: the acceleration of the planned motions, the
     rotors' share included. A limit of the description that is higher stays.
 
+    Limits that can hold the arm stay; a note then says if they call for a lower `--speed`.
+
     Returns:
-        The robot, with a note if limits were replaced.
+        The robot, with a note if limits were replaced or are tight.
     """
     rng = np.random.default_rng(0)
     q = rng.uniform(robot.lower, robot.upper, (_SAMPLES, 6))
     needed = np.max(np.abs(arm_load(description.model, robot, q).gravity), axis=0)
     weak = np.flatnonzero((robot.effort < needed) | (robot.effort <= 0))
     if not len(weak):
-        return robot
+        return _with_advice(description, robot, q)
     listed = ", ".join(
         f"{robot.arm_joints[i]} {robot.effort[i]:g} of {needed[i]:.0f} N m" for i in weak
     )
@@ -81,6 +89,24 @@ def _able(description: Description, robot: Robot, q: Array) -> Array:
     torque = RESERVE * alone / (1 - share)
     step = 10.0 ** np.floor(np.log10(torque) - 1)
     return np.asarray(np.ceil(torque / step) * step)
+
+
+def _with_advice(description: Description, robot: Robot, q: Array) -> Robot:
+    """Note the speed at which limits that hold the arm can also move it, if that is below 1."""
+    load = arm_load(description.model, robot, q, load=TARGET)
+    holding = np.max(np.abs(load.gravity), axis=0)
+    rotor = robot.effort / ROTOR_ACCELERATION
+    moving = (np.max(load.inertia, axis=0) + rotor) * robot.velocity / ACCELERATION_TIME
+    share = np.clip((robot.effort / MARGIN - holding) / moving, 0.01, None)
+    slowest = int(np.argmin(share))
+    if share[slowest] >= 1:
+        return robot
+    speed = np.floor(100 * np.sqrt(share[slowest])) / 100
+    note = (
+        f"effort: {robot.arm_joints[slowest]} has {robot.effort[slowest]:g} N m, too little for "
+        f"the arm's full acceleration; --speed {speed:g} keeps within it"
+    )
+    return replace(robot, notes=(*robot.notes, note))
 
 
 def _is_kr210(robot: Robot) -> bool:

@@ -32,6 +32,9 @@ HULL_FILLED = 0.95
 MAX_PIECES = 32
 """A mesh of more separate bodies than this is split as a whole."""
 
+MAX_SPLIT_FACES = 100_000
+"""A concave body of more triangles is not split: it would take minutes."""
+
 SHEET = 0.001
 """Thickness that a flat collision mesh is given [m]."""
 
@@ -317,6 +320,11 @@ def _sheet(points: Array) -> MeshPart:
 
 def _split(points: Array, faces: Array, hull: ConvexHull) -> tuple[list[MeshPart], str]:
     """Split a concave body; return pieces and what to say about it."""
+    if len(faces) > MAX_SPLIT_FACES:
+        return [_as_part(hull)], (
+            f"a concave collision mesh of {len(faces)} triangles is replaced by its convex hull; "
+            f"simplify it below {MAX_SPLIT_FACES} to have it split"
+        )
     try:
         import coacd
     except ModuleNotFoundError:

@@ -338,6 +338,14 @@ def test_efforts_that_can_hold_the_arm_stay(description, robot):
     assert rate_efforts(description, robot) is robot
 
 
+def test_efforts_that_hold_but_hardly_move_the_arm_call_for_a_lower_speed(description, robot):
+    tight = replace(robot, effort=robot.effort * [1, 0.3, 1, 1, 1, 1])
+    rated = rate_efforts(description, tight)
+    np.testing.assert_array_equal(rated.effort, tight.effort)
+    assert "joint_2" in rated.notes[0]
+    assert "--speed 0." in rated.notes[0]
+
+
 @pytest.mark.parametrize("name", ["heavy", "offset"])
 def test_ruled_efforts_can_hold_and_move_any_arm(models, name):
     model = models[name]

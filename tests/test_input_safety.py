@@ -122,6 +122,11 @@ DAE = (
     '<COLLADA xmlns="http://www.collada.org/2005/11/COLLADASchema" version="1.4.1"><asset>'
     '<unit name="x" meter="{}"/><up_axis>Z_UP</up_axis></asset>{}</COLLADA>'
 )
+INSTANCES = "<library_nodes>" + "".join(
+    f'<node id="n{i}"><instance_node url="#n{i + 1}"/><instance_node url="#n{i + 1}"/></node>'
+    for i in range(60)
+)
+INSTANCES += '<node id="n60"/></library_nodes>'
 ONE_TRIANGLE = b"\0" * 80 + struct.pack("<I", 1)
 
 CASES: dict[str, tuple[Damage, str]] = {
@@ -196,6 +201,7 @@ CASES: dict[str, tuple[Damage, str]] = {
     "an empty DAE": (mesh("x.dae", DAE.format(1, "").encode()), "x.dae"),
     "a DAE of no unit": (mesh("x.dae", DAE.format(0, "").encode()), "x.dae"),
     "entity bomb in a DAE": (mesh("x.dae", (ENTITIES + "<COLLADA>&c;</COLLADA>").encode()), "enti"),
+    "a DAE of endless instances": (mesh("x.dae", DAE.format(1, INSTANCES).encode()), "nodes"),
     "a mesh scale of 0": (urdf('"meshes/b.stl"/>', '"meshes/b.stl" scale="1 0 1"/>'), "scale"),
     # the tree and its numbers
     "two roots": (urdf("</robot>", '<link name="stray"/></robot>'), "stray"),
