@@ -49,7 +49,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         options = _parser().parse_args(argv)
         return int(options.verb(options))
     except BadInput as error:
-        print(f"kr210-sim: {error}", file=sys.stderr)
+        print(f"kr210-sim: {' '.join(str(error).split())}", file=sys.stderr)
         return EXIT_BAD_INPUT
     except KeyboardInterrupt:
         print("kr210-sim: interrupted; what is finished is kept", file=sys.stderr)

@@ -11,7 +11,7 @@ from kr210_sim.exceptions import BadInput
 from kr210_sim.source import RobotSource
 
 MAX_CYCLES = 1_000_000
-MIN_MASS = 1e-6
+MIN_MASS = 1e-3
 """Lightest target [kg]; MuJoCo needs some inertia."""
 
 SOLVERS = ("analytic", "numeric")

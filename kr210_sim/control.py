@@ -88,7 +88,7 @@ class Controller:
         finger = np.minimum(np.arange(count) + self._finger_done, len(self._finger) - 1)
         self._arm_done += count
         self._finger_done += count
-        ctrl = np.empty((count, self._nu))
+        ctrl = np.zeros((count, self._nu))  # actuators of the scene's own stay at zero
         ctrl[:, self._arm_ctrl] = self._arm.ctrl[arm]
         ctrl[:, self._finger_ctrl] = self._finger[finger]
         return Commands(ctrl=ctrl, q=self._arm.q[arm], T_base_tcp=self._arm.T_base_tcp[arm])

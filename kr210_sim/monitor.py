@@ -41,15 +41,21 @@ class Monitor:
     def __init__(self, simulation: Simulation) -> None:
         robot, self._columns = simulation.scene.robot, simulation.columns
         self._simulation = simulation
-        self._lower, self._upper = robot.lower, robot.upper
-        self._velocity, self._effort = robot.velocity, robot.effort
-        self._joints = robot.arm_joints
+        # The driven finger has limits of position and speed too; its force is the grip.
+        strokes = sorted((robot.finger_open, robot.finger_closed))
+        self._joints = (*robot.arm_joints, robot.finger_joint)
+        self._lower = np.append(robot.lower, strokes[0])
+        self._upper = np.append(robot.upper, strokes[1])
+        self._velocity = np.append(robot.velocity, robot.finger_velocity)
+        self._effort = robot.effort
         self._step = float(simulation.model.opt.timestep)
         first = self._columns["q/" + robot.arm_joints[0]].start
         self._q = slice(first, first + 6)
         self._qd = slice(first + 6, first + 12)
         self._tau = slice(first + 12, first + 18)
         self._fingers = slice(first + 18, first + 20)
+        self._finger = [first + 18]
+        self._finger_speed = [first + 20]
         self._rest_height = float(simulation.data.sensordata[self._columns["target_position"]][2])
         self._lift_off: tuple[Array, Array] | None = None
         self._last: tuple[Array, float] | None = None
@@ -84,7 +90,9 @@ class Monitor:
         only_fingers = touch.all(axis=1) & (column["target_all"][:, 0] == right[:, 0] + left[:, 0])
         slip_m, slip_rad = self._slip(column, touch)
         foreign = rows @ self._simulation.foreign_weights
-        q, qd, effort = rows[:, self._q], rows[:, self._qd], rows[:, self._tau]
+        q = np.concatenate([rows[:, self._q], rows[:, self._finger]], axis=1)
+        qd = np.concatenate([rows[:, self._qd], rows[:, self._finger_speed]], axis=1)
+        effort = rows[:, self._tau]
         excess = np.maximum(self._lower - q, q - self._upper)
         speed = np.linalg.norm(column["target_velocity"], axis=1)
         spin = np.linalg.norm(column["target_spin"], axis=1)
@@ -92,7 +100,7 @@ class Monitor:
             column["tcp_position"] - commands.T_base_tcp[: len(rows), :3, 3], axis=1
         )
         self.force = np.array([np.linalg.norm(side[-1, 1:]) for side in (right, left)])
-        self.touching, self.q = touch[-1], np.array(q[-1])
+        self.touching, self.q = touch[-1], np.array(q[-1, :6])
         self.finger_position = np.array(rows[-1, self._fingers])
         clear = np.where(only_fingers, height, 0.0)
         self.lifted = self.lifted or bool(clear.max() >= LIFT_HEIGHT_LIMIT)

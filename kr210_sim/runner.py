@@ -33,6 +33,7 @@ from kr210_sim.tracks import Solver
 from kr210_sim.trajectory import MotionLimits
 
 TARGET_LENGTH = 0.25  # [m]
+MAX_GRIP = 500.0  # [N], for the physics to stay honest
 
 OnCycle = Callable[[CycleScore], None]
 
@@ -70,6 +71,11 @@ def load_world(config: RunConfig) -> Scene:
         raise BadInput(
             f"--cell: scene '{scene.name}' has no cell {config.cell}; give 1 to "
             f"{len(scene.cells)}, random or all"
+        )
+    if robot.grip_force > MAX_GRIP:
+        raise BadInput(
+            f"{robot.path}: joint '{robot.finger_joint}': effort {robot.grip_force:g} N is no honest "
+            f"grip; give at most {MAX_GRIP:g}"
         )
     if config.mass > robot.max_payload:
         raise BadInput(
@@ -144,7 +150,6 @@ def run_episode(
     A target that was placed stays in the bin. A cycle that failed leaves no trace: its target is
     taken away and everything else is put back as it was when the cycle began, the robot at home.
     """
-    mujoco.set_mju_user_warning(_ignore)  # the simulation is asked instead, and no log file appears
     simulation = Simulation(scene)
     targets = episode_targets(scene, episode, mass)
     if episode.all_from_start:
@@ -189,6 +194,7 @@ def run(
         KeyboardInterrupt: after what is finished has been written.
     """
     started = time.perf_counter()
+    mujoco.set_mju_user_warning(_ignore)  # the simulation is asked instead, and no log file appears
     scene = load_world(config)
     limits = MotionLimits.from_velocity(scene.robot.velocity, config.speed)
     solver = make_solver(config.ik, scene.robot)

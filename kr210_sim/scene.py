@@ -36,6 +36,9 @@ OPTIONS = {
 """The physics, in one place. Elliptic cones with impratio 10 keep a grasp from creeping; the dense
 Jacobian avoids the sparse path that MuJoCo 4.0.0 computes wrongly."""
 
+_RESERVED = re.compile(r"robot/|measure/|prism_|target_\d+(_visual)?$|cycle_\d+$")
+"""Names that a run gives to robot, measurements, targets and keyframes."""
+
 _TARGET_FRICTION = (1.0, 0.005, 0.0001)
 _TARGET_COLOR = (0.13, 0.42, 0.78, 1.0)
 
@@ -181,13 +184,11 @@ def build_scene(path: Path, robot: Robot, robot_spec: mujoco.MjSpec) -> Scene:
     T_base_world = np.linalg.inv(T_world_base)
     if T_world_base[2, 2] < 1 - 1e-6:
         raise BadInput(f"{path}: site 'robot_base' is tilted; its +z axis must point up")
-    for index in range(1, world.nbody):
-        name = world.body(index).name
-        if name.startswith(ROBOT_PREFIX) or re.fullmatch(r"target_\d+", name):
-            raise BadInput(f"{path}: body '{name}' has a reserved name; rename it")
+    _check_names(path, spec)
     for body in ("shelf", "bin"):
         if mujoco.mj_name2id(world, mujoco.mjtObj.mjOBJ_BODY, body) < 0:
             raise BadInput(f"{path}: body '{body}' is missing; name the fixture's body so")
+    _check_fixed(path, world)
     notes = _option_notes(world)
     limit = mujoco.mj_name2id(world, mujoco.mjtObj.mjOBJ_NUMERIC, "time_limit")
     time_limit = DEFAULT_TIME_LIMIT if limit < 0 else float(world.numeric("time_limit").data[0])
@@ -282,6 +283,28 @@ def _apply_options(spec: mujoco.MjSpec) -> None:
             setattr(spec.option, field, value)
 
 
+def _check_names(path: Path, spec: mujoco.MjSpec) -> None:
+    """Refuse names that robot, targets, measurements and keyframes of a run will take."""
+    kinds = ("body", "geom", "joint", "site", "mesh", "sensor", "key", "actuator", "material")
+    plural = {"body": "bodies", "mesh": "meshes"}
+    for kind in kinds:
+        for element in getattr(spec, plural.get(kind, f"{kind}s")):
+            if _RESERVED.match(element.name or ""):
+                raise BadInput(f"{path}: {kind} '{element.name}' has a reserved name; rename it")
+
+
+def _check_fixed(path: Path, world: mujoco.MjModel) -> None:
+    """Refuse fixtures that could move: what their sites mean is read once."""
+    bodies = {name: world.body(name).id for name in ("shelf", "bin")}
+    for index in range(world.nsite):
+        name = world.site(index).name
+        if name in ("robot_base", "place") or name.startswith("cell_"):
+            bodies[name] = world.site(index).bodyid[0]
+    for name, body in bodies.items():
+        if world.body_weldid[body] != 0:
+            raise BadInput(f"{path}: '{name}' is on a body that can move; remove its joints")
+
+
 def _option_notes(world: mujoco.MjModel) -> tuple[str, ...]:
     """Say which physics options of the scene file are replaced by ours."""
     default = mujoco.MjOption()
@@ -362,6 +385,8 @@ def _place(
     shape, size = model.site("place").type[0], model.site("place").size
     if T_world_place[2, 2] < 1 - 1e-6:
         raise BadInput(f"{path}: site 'place' is tilted; its +z axis must point up")
+    if not np.all(np.isfinite(size)) or np.any(size[:2] <= 0):
+        raise BadInput(f"{path}: site 'place' has size {size}; give finite sizes above 0")
     if shape == mujoco.mjtGeom.mjGEOM_BOX:
         kind, half_size = "box", np.array(size)
     elif shape == mujoco.mjtGeom.mjGEOM_CYLINDER:

@@ -73,7 +73,7 @@ class Simulation:
     def restart(self, start: dict[str, Array]) -> None:
         """Put every joint where it was in an earlier `positions()`, at rest, the robot at home.
 
-        Used between cycles only. Joints that did not exist then keep their places.
+        Used between cycles only. Joints that did not exist then go to their initial places.
         """
         mujoco.mj_resetData(self.model, self.data)
         for name, values in start.items():
@@ -120,6 +120,8 @@ class Simulation:
         self.foreign_weights = np.zeros(self.model.nsensordata)
         for index in range(self.model.nsensor):
             sensor = self.model.sensor(index)
+            if not sensor.name.startswith(_SENSOR_PREFIX):
+                continue  # the scene's own
             start = int(sensor.adr[0])
             name = sensor.name.removeprefix(_SENSOR_PREFIX)
             self.columns[name] = slice(start, start + int(sensor.dim[0]))
@@ -200,6 +202,8 @@ class Simulation:
             self._sense_joint(f"effort/{name}", types.mjSENS_JOINTACTFRC, name)
         for name in (robot.finger_joint, robot.mimic_joint):
             self._sense_joint(f"finger/{name}", types.mjSENS_JOINTPOS, name)
+        for name in (robot.finger_joint, robot.mimic_joint):
+            self._sense_joint(f"fingerd/{name}", types.mjSENS_JOINTVEL, name)
         tcp = {"objtype": mujoco.mjtObj.mjOBJ_SITE, "objname": ROBOT_PREFIX + "tcp"}
         base = {"reftype": mujoco.mjtObj.mjOBJ_SITE, "refname": "robot_base"}
         in_tcp = {"reftype": mujoco.mjtObj.mjOBJ_SITE, "refname": ROBOT_PREFIX + "tcp"}
@@ -239,14 +243,15 @@ class Simulation:
         self._count("target_all", picked)
         self._count("target_right", picked, right, force=True)
         self._count("target_left", picked, left, force=True)
-        self._count("target_support", picked, (geom, self.scene.cell(target.cell).support))
+        support = self.scene.cell(target.cell).support
+        if not self._in_bin(support):  # or its contacts would be permitted twice
+            self._count("target_support", picked, (geom, support))
         self._count("target_bin", picked, (subtree, "bin"))
         neighbours = [
             name for name in self.targets if name != target.name and self.in_place_volume(name)
         ]
         for name in neighbours:
             self._count(f"target_neighbour/{name}", picked, (body, name))
-        support = self.scene.cell(target.cell).support
         self._permitted = {right[1], left[1], support, "bin", *neighbours}
 
     def _count(
@@ -269,6 +274,15 @@ class Simulation:
             intprm=[fields, net_force if force else 0, 1],
             **options,
         )
+
+    def _in_bin(self, geom: str) -> bool:
+        """Whether a geom belongs to the bin."""
+        body = int(self.model.geom(geom).bodyid[0])
+        while body > 0:
+            if self.model.body(body).name == "bin":
+                return True
+            body = int(self.model.body_parentid[body])
+        return False
 
     def in_place_volume(self, name: str) -> bool:
         """Whether a target's centre lies in the place volume."""
