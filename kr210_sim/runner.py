@@ -74,8 +74,8 @@ def load_world(config: RunConfig) -> Scene:
         )
     if robot.grip_force > MAX_GRIP:
         raise BadInput(
-            f"{robot.path}: joint '{robot.finger_joint}': effort {robot.grip_force:g} N is no honest "
-            f"grip; give at most {MAX_GRIP:g}"
+            f"{robot.path}: joint '{robot.finger_joint}': effort {robot.grip_force:g} N is no "
+            f"honest grip; give at most {MAX_GRIP:g}"
         )
     if config.mass > robot.max_payload:
         raise BadInput(

@@ -169,6 +169,7 @@ def test_a_target_that_slides_out_of_the_fingers_is_dropped(one_cycle, stage):
     assert_failed(one_cycle(once(stage, grease_pads)), "dropped", "held", stage)
 
 
+@pytest.mark.slow
 def test_a_target_that_shifts_in_the_fingers_is_dropped(one_cycle):
     def shift(simulation: Simulation) -> None:
         axis = simulation.data.body(TARGET).xmat.reshape(3, 3)[:, 2]
@@ -180,6 +181,7 @@ def test_a_target_that_shifts_in_the_fingers_is_dropped(one_cycle):
     assert score.grasp_slip_m >= 0.005
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("stage", ["WITHDRAW", "MOVE_TO_PLACE", "LOWER"])
 def test_fingers_that_open_on_the_way_drop_the_target(one_cycle, stage):
     assert_failed(one_cycle(once(stage, jam_fingers("open"))), "dropped", "held", stage)
@@ -278,6 +280,7 @@ def test_a_gripper_that_never_opens_has_not_released(one_cycle, impatient):
     assert_failed(score, "not_released", "released", "OPEN_GRIPPER")
 
 
+@pytest.mark.slow
 def test_a_gripper_that_closes_again_has_not_released(one_cycle):
     score = one_cycle(once("MOVE_HOME", jam_fingers("closed")))
     assert_failed(score, "not_released", "released", score.cause.stage)
@@ -294,6 +297,7 @@ def test_a_target_that_ends_on_the_rim_is_outside_the_bin(one_cycle):
     assert score.place_offset_m is None
 
 
+@pytest.mark.slow
 def test_a_target_that_keeps_spinning_in_the_bin_is_not_placed(one_cycle, impatient):
     def spin(simulation: Simulation) -> None:
         simulation.data.joint(TARGET).qvel[3:] = [0.0, 0.0, 0.5]
@@ -302,6 +306,7 @@ def test_a_target_that_keeps_spinning_in_the_bin_is_not_placed(one_cycle, impati
     assert_failed(score, "outside_bin", "placed", "SETTLE")
 
 
+@pytest.mark.slow
 def test_a_target_that_hangs_in_the_air_of_the_bin_is_not_supported(one_cycle):
     def hang(simulation: Simulation) -> None:
         into_the_bin(simulation)
@@ -322,6 +327,7 @@ def test_a_target_gone_astray_and_teleported_into_the_bin_is_no_success(one_cycl
 # ---- the end --------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_an_arm_that_leaves_home_again_is_not_home(one_cycle):
     """The target is kept spinning until the arm has strayed, so that the cycle does not end."""
     settling: list[float] = []

@@ -19,6 +19,8 @@ from kr210_sim.parity import check_parity
 from kr210_sim.robot import bundled_robot
 from kr210_sim.source import RobotSource
 
+pytestmark = pytest.mark.slow
+
 MAKERS = {"heavy": heavy_arm, "offset": offset_arm, "turned": turned_arm}
 EXACT = {"frames", "masses", "centres of mass", "inertias", "joint ranges", "effort limits"}
 

@@ -135,6 +135,7 @@ def wreck(kind: str):
     return probe
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["numbers", pytest.param("arm", marks=pytest.mark.slow)])
 def test_a_failed_cycle_leaves_the_next_as_if_it_had_not_been(scene, limits, default_run, kind):
     """The cycle after it is, to the last bit, the first one of the default run."""

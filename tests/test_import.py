@@ -390,6 +390,7 @@ def one_run(out: Path, path: Path, cycles: int, cell: str) -> dict:
     return summary
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", MAKERS)
 def test_an_imported_robot_runs_a_cycle_and_tracks_as_well_as_ours(tmp_path, paths, name):
     summary = one_run(tmp_path / "run", paths[name], 1, "5")

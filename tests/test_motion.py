@@ -17,6 +17,8 @@ from kr210_sim.simulation import Simulation
 from kr210_sim.task import pick_options, place_options, release_point
 from kr210_sim.trajectory import MotionLimits
 
+pytestmark = pytest.mark.slow
+
 SLACK = 1 + 1e-3
 LINES = ("APPROACH", "LIFT", "WITHDRAW", "LOWER", "RETREAT")
 

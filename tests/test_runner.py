@@ -193,6 +193,7 @@ def test_seeds_and_cells_on_disk_are_those_planned(default_run, scene):
 # ---- a run that does not go well ------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_failed_cycles_are_written_like_any_other(hasty_scene, tmp_path):
     out = tmp_path / "run"
     _, summary = run(RunConfig(cycles=2, scene=str(hasty_scene), out=out))
@@ -218,6 +219,7 @@ def test_an_interrupted_run_keeps_what_is_finished(hasty_scene, tmp_path):
     assert len(list((out / "cycles").iterdir())) == 2
 
 
+@pytest.mark.slow
 def test_an_episode_is_written_as_soon_as_it_is_finished(hasty_2x2, tmp_path):
     out = tmp_path / "run"
     seen: list[int] = []
@@ -238,6 +240,7 @@ def test_an_existing_run_is_never_overwritten(default_run):
     assert (default_run.out / "cycles.jsonl").read_text() == before
 
 
+@pytest.mark.slow
 def test_an_empty_folder_that_exists_may_be_used(hasty_scene, tmp_path):
     out = tmp_path / "empty"
     out.mkdir()
@@ -246,6 +249,7 @@ def test_an_empty_folder_that_exists_may_be_used(hasty_scene, tmp_path):
     assert lines_of(out)
 
 
+@pytest.mark.slow
 def test_without_a_name_two_runs_in_one_second_get_folders_of_their_own(
     hasty_scene, tmp_path, monkeypatch
 ):
@@ -258,6 +262,7 @@ def test_without_a_name_two_runs_in_one_second_get_folders_of_their_own(
     assert {path.name for path in tmp_path.iterdir()} == {"runs", "hasty.xml"}
 
 
+@pytest.mark.slow
 def test_a_slower_run_states_its_lower_limits(hasty_scene, tmp_path, robot):
     config = RunConfig(cycles=1, speed=0.5, scene=str(hasty_scene), out=tmp_path / "run")
     _, summary = run(config)
