@@ -38,6 +38,8 @@ from kr210_sim.robot import find_robot
 from kr210_sim.runner import run
 from kr210_sim.source import ArmChoice, RobotSource
 
+pytestmark = pytest.mark.slow
+
 MAKERS = {"heavy": heavy_arm, "offset": offset_arm, "turned": turned_arm}
 
 
@@ -403,7 +405,6 @@ def test_an_imported_robot_runs_a_cycle_and_tracks_as_well_as_ours(tmp_path, pat
         assert sum("effort" in note for note in summary["notes"]) == 1
 
 
-@pytest.mark.slow
 def test_an_imported_robot_runs_ten_cycles(tmp_path, paths):
     summary = one_run(tmp_path / "run", paths["heavy"], 10, "random")
     assert summary["succeeded"] == 10, summary["failures"]

@@ -12,6 +12,8 @@ from robot_files import heavy_arm, turned_arm
 
 from kr210_sim.cli import main
 
+pytestmark = pytest.mark.slow
+
 SECONDS = 10.0
 
 Damage = Callable[[Path], "Path | list[str]"]
