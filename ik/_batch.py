@@ -79,7 +79,7 @@ def _solve_chunk(arm: Arm, c: FloatArray) -> tuple[FloatArray, BoolArray]:
     q = np.empty((2, 2, 2, 6, c.shape[1]))
     R, w = _wrist_pose(arm, c)
     c1, s1, rho, turned = _shoulders(arm, w)
-    c23, s23, reached = _elbows(arm, rho, w[2], q)
+    c23, s23, reached = _elbows(arm, c, rho, w[2], q)
     q[:, :, :, 0] = np.arctan2(s1, c1)[:, None, None]
     _wrists(R, c1, s1, c23, s23, q)
     if not arm.constants.plain_joints:  # step 7
@@ -143,12 +143,13 @@ def _shoulders(arm: Arm, w: FloatArray) -> tuple[FloatArray, FloatArray, FloatAr
 
 
 def _elbows(
-    arm: Arm, rho: FloatArray, wz: FloatArray, q: FloatArray
+    arm: Arm, c: FloatArray, rho: FloatArray, wz: FloatArray, q: FloatArray
 ) -> tuple[FloatArray, FloatArray, BoolArray]:
     """Bend the arm to the wrist center, elbow to either side (steps 3 to 5).
 
     Args:
         arm: The arm.
+        c: Entries of the poses. Shape (16, n).
         rho: Signed distance of the wrist center from axis 1. Shape (2, n).
         wz: Height of the wrist center. Shape (n,).
         q: Its theta2 and theta3 are filled in. Shape (2, 2, 2, 6, n).
@@ -168,6 +169,10 @@ def _elbows(
     u, v = u * (edge / D), v * (edge / D)
     D2 = edge * edge
     S = np.sqrt((reach - edge) * (reach + edge) * (edge - inner) * (edge + inner))
+    nearest, farthest = arm.constants.plain_reach
+    close = (edge < nearest) | (edge > farthest)
+    if close.any():
+        _sharpen(arm, c, S, close)
     gamma = np.arctan2(S, D2 - C)
     A = D2 + K
     Au, Av, Su, Sv = A * u, A * v, S * u, S * v
@@ -187,6 +192,28 @@ def _elbows(
     z -= v[:, None]
     reached = np.abs(D - edge) <= REACH_TOLERANCE * reach
     return d * x - a * z, d * z + a * x, reached
+
+
+def _sharpen(arm: Arm, c: FloatArray, S: FloatArray, close: BoolArray) -> None:
+    """Compute S again where the arm is all but stretched or folded, in extended precision.
+
+    Its angle theta3 - there S / (2 L2 L3) - is the square root of what the wrist center is short of
+    the edge of reach, of which rounding each step from the pose to there leaves few digits.
+
+    Args:
+        arm: The arm.
+        c: Entries of the poses. Shape (16, n).
+        S: Corrected where close. Shape (2, n).
+        close: Which to correct. Shape (2, n).
+    """
+    some = close.any(axis=0)
+    exact = np.longdouble
+    _, w = _wrist_pose(arm, c[:, some].astype(exact))
+    _, _, rho, _ = _shoulders(arm, w)
+    L2, L3 = exact(arm.L2), np.sqrt(exact(arm.d4) ** 2 + exact(arm.a3) ** 2)
+    D2 = (rho - exact(arm.a1)) ** 2 + (w[2] - exact(arm.d1)) ** 2
+    S2 = ((L2 + L3) ** 2 - D2) * (D2 - (L2 - L3) ** 2)
+    S[:, some] = np.where(close[:, some], np.sqrt(np.maximum(S2, 0.0)), S[:, some])
 
 
 def _wrists(

@@ -43,7 +43,7 @@ def is_rigid(T: Matrix) -> bool:
     )
 
 
-def solve(arm: Arm, T: Matrix) -> tuple[list[float], list[float]]:
+def solve(arm: Arm, T: Matrix) -> tuple[list[float], list[float]] | None:
     """Compute all branches of one pose.
 
     Args:
@@ -52,7 +52,8 @@ def solve(arm: Arm, T: Matrix) -> tuple[list[float], list[float]]:
 
     Returns:
         q [rad] of the four branches with the shoulder in front, one after the other in the order of
-        the branch table, and of the four with it behind. Lengths 24, or 0 for out of reach.
+        the branch table, and of the four with it behind. Lengths 24, or 0 for out of reach. None
+        for a pose next to the edge of reach, which is for `_batch.py` and its extended precision.
     """
     R, wx, wy, wz = _wrist_pose(arm, T)
     k = arm.constants
@@ -73,6 +74,8 @@ def solve(arm: Arm, T: Matrix) -> tuple[list[float], list[float]]:
         xf, yf, xg, yg = wx * f, wy * f, wx * g, wy * g
         front = _shoulder(k, R, wz, xf + yg, yf - xg, rho)
         back = _shoulder(k, R, wz, yg - xf, -xg - yf, -rho)
+    if front is None or back is None:
+        return None
     if k.plain_joints:
         return front, back
     return _robot_angles(arm, front), _robot_angles(arm, back)
@@ -101,19 +104,21 @@ def _wrist_pose(arm: Arm, T: Matrix) -> tuple[Row, float, float, float]:
     return (xx, xy, xz, yx, yy, yz, zx, zy, zz), wx, wy, wz
 
 
-def _shoulder(k: Constants, R: Row, wz: float, c1: float, s1: float, rho: float) -> list[float]:
-    """Solve elbow and wrist of one shoulder branch (steps 3 to 6); rho < 0 on the back one."""
+def _shoulder(
+    k: Constants, R: Row, wz: float, c1: float, s1: float, rho: float
+) -> list[float] | None:
+    """Solve elbow and wrist of one shoulder branch (steps 3 to 6); rho < 0 on the back one.
+
+    Returns:
+        Four branches in a row; none out of reach; None next to the edge of reach.
+    """
     a1, d1, reach, inner, fold, K, C, bend, a, d = k.elbow
     u, v = rho - a1, wz - d1
     D = sqrt(u * u + v * v)
-    if not fold < D < reach:
-        edge = reach if D > fold else fold
-        if not abs(D - edge) <= REACH_TOLERANCE * reach:
-            return []
-        if D <= SMALL:  # folded onto the shoulder, where any theta2 is right
-            u, v, D = 0.0, edge, edge
-        else:
-            u, v, D = u * (edge / D), v * (edge / D), edge
+    nearest, farthest = k.plain_reach
+    if not nearest < D < farthest:
+        tolerance = REACH_TOLERANCE * reach
+        return None if fold - tolerance <= D <= reach + tolerance else []
     D2 = D * D
     S = sqrt((reach - D) * (reach + D) * (D - inner) * (D + inner))
     gamma = atan2(S, D2 - C)

@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from .exceptions import IKError
 from .poses import check_poses
-from .tolerances import SMALL
+from .tolerances import SHARPEN, SMALL
 
 FloatArray = NDArray[np.float64]
 Triple = tuple[float, float, float]
@@ -35,6 +35,9 @@ class Constants(NamedTuple):
     """For steps 3 to 5: a1, d1, reach, smallest distance |L3 - L2|, the same but at least
     `tolerances.SMALL` [m], L2^2 - L3^2, L2^2 + L3^2 [m^2], pi/2 + phi [rad], a3 / L3^2 and
     d4 / L3^2 [1/m]."""
+    plain_reach: tuple[float, float]
+    """Between these distances from axis 2 to the wrist center the elbow needs no more than double
+    precision [m]; an arm that folds onto its shoulder has no edge there."""
     p_base: Triple
     """Origin of the arm's own base frame in the base frame [m]."""
     axes_base: tuple[Triple, Triple, Triple]
@@ -135,24 +138,26 @@ def _frozen_pose(T: ArrayLike, name: str) -> FloatArray:
 def _derive(arm: Arm) -> Constants:
     """Compute the constants of the formulas (README.md, section "The formulas")."""
     L3, phi = math.hypot(arm.d4, arm.a3), math.atan2(-arm.a3, arm.d4)
+    reach, inner = arm.L2 + L3, abs(L3 - arm.L2)
     R_base, R_tool = arm.T_base[:3, :3], arm.T_tool[:3, :3]
     eye = np.eye(3)
     return Constants(
         L3=L3,
         phi=phi,
-        reach=arm.L2 + L3,
+        reach=reach,
         elbow=(
             arm.a1,
             arm.d1,
-            arm.L2 + L3,
-            abs(L3 - arm.L2),
-            max(abs(L3 - arm.L2), SMALL),
-            (arm.L2 - L3) * (arm.L2 + L3),
+            reach,
+            inner,
+            max(inner, SMALL),
+            (arm.L2 - L3) * reach,
             arm.L2 * arm.L2 + L3 * L3,
             math.remainder(0.5 * math.pi + phi, math.tau),
             arm.a3 / (L3 * L3),
             arm.d4 / (L3 * L3),
         ),
+        plain_reach=(inner + SHARPEN * reach if inner else SMALL, reach - SHARPEN * reach),
         p_base=_triple(arm.T_base[:3, 3]),
         axes_base=(_triple(R_base[:, 0]), _triple(R_base[:, 1]), _triple(R_base[:, 2])),
         p_tool=_triple(arm.T_tool[:3, 3]),

@@ -83,8 +83,8 @@ def inverse(arm: Arm, T: ArrayLike, limits: tuple[ArrayLike, ArrayLike] | None =
     """
     poses = np.asarray(T, dtype=np.float64)
     bounds = None if limits is None else find_bounds(*limits)
-    if poses.shape == (4, 4):
-        return _inverse_single(arm, poses, bounds)
+    if poses.shape == (4, 4) and (single := _inverse_single(arm, poses, bounds)):
+        return single
     if poses.ndim < 2 or poses.shape[-2:] != (4, 4):
         raise InvalidPose(f"T must have shape (..., 4, 4), got {poses.shape}")
     shape = poses.shape[:-2]
@@ -98,12 +98,15 @@ def inverse(arm: Arm, T: ArrayLike, limits: tuple[ArrayLike, ArrayLike] | None =
     )
 
 
-def _inverse_single(arm: Arm, pose: FloatArray, bounds: Bounds | None) -> Solutions:
-    """Solve one pose (4, 4) in Python floats."""
+def _inverse_single(arm: Arm, pose: FloatArray, bounds: Bounds | None) -> Solutions | None:
+    """Solve one pose (4, 4) in Python floats, unless it is next to the edge of reach."""
     rows = pose.tolist()
     if not _single.is_rigid(rows):
         raise explain(pose[None], ())
-    front, back = _single.solve(arm, rows)
+    branches = _single.solve(arm, rows)
+    if branches is None:
+        return None
+    front, back = branches
     valid = EXISTS[bool(front), bool(back)].copy()
     angles = (front or NO_BRANCHES) + (back or NO_BRANCHES)
     if bounds:

@@ -23,6 +23,13 @@ stretched arm outside, by some 1e-16. A pose that is outside gets the configurat
 one that is not, so what is granted here is what such a solution may be off.
 """
 
+SHARPEN: Final = 1e-9
+"""Closer to the edge of reach the elbow is computed in extended precision; fraction of reach [1].
+
+Nothing but the digits of theta3 depends on it: without, they would be off by up to four times what
+the rounding of the pose makes them.
+"""
+
 SINGULAR_TOLERANCE: Final = 1e-9
 """Below this distance from a singularity a branch is flagged as singular [1].
 

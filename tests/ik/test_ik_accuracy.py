@@ -32,10 +32,7 @@ def test_random_poses(full):
         found = check(T)
         assert np.array_equal(found.valid, np.repeat(reserve(T) >= 0, 4, axis=1))
         error = np.nanmin(np.abs(wrapped(found.q - q[:, None])).max(axis=-1), axis=1)
-        # nearer to a singularity the rounding of the pose alone moves the angles by more
-        regular = ik.singularity_distances(ARM, q).min(axis=1) > 1e-6
-        assert error[regular].max() < 1e-9
-        assert error.max() < 1e-7
+        assert error.max() < 1e-9
 
 
 @pytest.mark.parametrize("full", [False, FULL])
@@ -93,6 +90,19 @@ def check(T: np.ndarray) -> ik.Solutions:
     assert (far - beyond).max() < RESIDUAL
     assert angle.max() < RESIDUAL
     return found
+
+
+@pytest.mark.skipif(np.finfo(np.longdouble).eps > 1e-18, reason="no extended precision here")
+def test_next_to_the_edge_of_reach_the_elbow_keeps_the_digits_of_the_pose():
+    rng = np.random.default_rng(4)
+    q = rng.uniform(CHAIN.lower, CHAIN.upper, (2000, 6))
+    bent = 10.0 ** rng.uniform(-6, -4.3, len(q)) * rng.choice([-1.0, 1.0], len(q))
+    q[:, 2] = STRETCHED + bent
+    q[::2, 2] += np.pi  # folded
+    found = ik.inverse(ARM, CHAIN.forward(q).astype(float))
+    error = np.nanmin(np.abs(wrapped(found.q[..., 2] - q[:, None, 2])), axis=1)
+    # three coordinates off by 2.2e-16 m, half a unit in the last place, over L2 L3 / (L2 + L3)
+    assert (error * np.abs(bent)).max() < np.sqrt(3) * 2.0**-52 / 0.68
 
 
 def reserve(T: np.ndarray) -> np.ndarray:
