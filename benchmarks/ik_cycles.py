@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import argparse
+import sys
 import tempfile
 from pathlib import Path
 from typing import Any
+
+sys.path.pop(0)  # this folder has an ik.py of its own
 
 from kr210_sim.config import SOLVERS, RunConfig
 from kr210_sim.runner import run
