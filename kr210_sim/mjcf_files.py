@@ -51,24 +51,17 @@ def save_model(spec: mujoco.MjSpec, path: Path) -> None:
         OSError: if something cannot be written.
     """
     spec = spec.copy()
+    spec.assets = {**spec.assets, **_put_meshes_into_files(spec)}
     model = spec.compile()
     root = ET.fromstring(spec.to_xml())
     _write_numbers(root, spec, model)
     path.parent.mkdir(parents=True, exist_ok=True)
     folder = path.parent / ASSETS
-    meshes = {mesh.name: mesh for mesh in spec.meshes}
     written = False
     for element in root.iterfind("asset/*"):
-        mesh = meshes.get(element.get("name", "")) if element.tag == "mesh" else None
         if element.get("file"):
             element.set("file", _copy_asset(spec, element, folder))
-            written = True
-        elif mesh is not None and len(mesh.uservert):
-            for attribute in ("vertex", "face", "normal", "facenormal"):
-                element.attrib.pop(attribute, None)
-            content = "".join(_obj_lines(mesh)).encode()
-            name = element.get("name", "").rsplit("/", 1)[-1]
-            element.set("file", _write_asset(folder, f"{name}.obj", content))
+            element.attrib.pop("content_type", None)
             written = True
     compiler = root.find("compiler")
     if compiler is not None:
@@ -128,15 +121,33 @@ def _candidates(values: Any, attribute: str, count: int) -> Iterator[Array]:
         yield -array / length
 
 
-def _obj_lines(mesh: Any) -> Iterator[str]:
-    """Yield a mesh as OBJ text that holds its single-precision numbers exactly."""
-    normals = np.asarray(mesh.usernormal, dtype=np.float32).reshape(-1, 3)
-    for x, y, z in np.asarray(mesh.uservert, dtype=np.float32).reshape(-1, 3):
-        yield f"v {x:.9g} {y:.9g} {z:.9g}\n"
-    for x, y, z in normals:
-        yield f"vn {x:.6g} {y:.6g} {z:.6g}\n"
-    for a, b, c in np.asarray(mesh.userface).reshape(-1, 3) + 1:
-        yield f"f {a}//{a} {b}//{b} {c}//{c}\n" if len(normals) else f"f {a} {b} {c}\n"
+def _put_meshes_into_files(spec: mujoco.MjSpec) -> dict[str, bytes]:
+    """Let meshes that stand in the spec refer to OBJ files; return their content by name."""
+    files: dict[str, bytes] = {}
+    for mesh in spec.meshes:
+        if len(mesh.uservert):
+            content, name = _obj(mesh), mesh.name.rsplit("/", 1)[-1]
+            mesh.file = next(
+                file
+                for file in (f"{name}.obj", *(f"{name}_{n}.obj" for n in range(1, len(files) + 1)))
+                if files.setdefault(file, content) == content
+            )
+            mesh.uservert, mesh.userface, mesh.usernormal, mesh.userfacenormal = [], [], [], []
+    return files
+
+
+def _obj(mesh: Any) -> bytes:
+    """Return a mesh as an OBJ file that holds its single-precision vertices exactly."""
+    vertices, normals, faces = (
+        np.reshape(numbers, (-1, 3)).tolist()
+        for numbers in (mesh.uservert, mesh.usernormal, np.array(mesh.userface) + 1)
+    )
+    corner = "{0}//{0}" if normals else "{0}"
+    corners = [corner.format(index) for index in range(len(vertices) + 1)]
+    lines = [f"v {x:.9g} {y:.9g} {z:.9g}\n" for x, y, z in vertices]
+    lines += [f"vn {x:.6g} {y:.6g} {z:.6g}\n" for x, y, z in normals]
+    lines += [f"f {corners[a]} {corners[b]} {corners[c]}\n" for a, b, c in faces]
+    return "".join(lines).encode()
 
 
 def _write_asset(folder: Path, name: str, content: bytes) -> str:
@@ -153,6 +164,9 @@ def _write_asset(folder: Path, name: str, content: bytes) -> str:
 
 def _copy_asset(spec: mujoco.MjSpec, element: ET.Element, folder: Path) -> str:
     """Copy a file that a scene refers to; return its name in the folder."""
+    file = element.get("file", "")
+    if file in spec.assets:
+        return _write_asset(folder, file, spec.assets[file])
     within = spec.compiler.texturedir if element.tag == "texture" else spec.compiler.meshdir
-    source = Path(spec.modelfiledir or ".") / (within or "") / element.get("file", "")
+    source = Path(spec.modelfiledir or ".") / (within or "") / file
     return _write_asset(folder, source.name, source.read_bytes())
