@@ -12,29 +12,13 @@ import numpy as np
 
 from kr210_sim.arrays import Array
 from kr210_sim.exceptions import BadInput
-from kr210_sim.mjcf import TIMESTEP
+from kr210_sim.physics import PLAIN_CONTACT, apply_physics
 from kr210_sim.resources import resource
 from kr210_sim.robot import Robot
 
 ROBOT_PREFIX = "robot/"
 DEFAULT_TIME_LIMIT = 60.0  # [s]
 PRISM_SIDES = 32
-
-OPTIONS = {
-    "timestep": TIMESTEP,
-    "integrator": mujoco.mjtIntegrator.mjINT_EULER,
-    "solver": mujoco.mjtSolver.mjSOL_NEWTON,
-    "cone": mujoco.mjtCone.mjCONE_ELLIPTIC,
-    "jacobian": mujoco.mjtJacobian.mjJAC_DENSE,
-    "impratio": 10.0,
-    "gravity": (0.0, 0.0, -9.81),
-    # A diverging simulation must be seen and scored, not silently reset.
-    "disableflags": int(mujoco.mjtDisableBit.mjDSBL_AUTORESET),
-    # Targets at rest in the bin need no solving; the one being picked never sleeps.
-    "enableflags": int(mujoco.mjtEnableBit.mjENBL_SLEEP),
-}
-"""The physics, in one place. Elliptic cones with impratio 10 keep a grasp from creeping; the dense
-Jacobian avoids the sparse path that MuJoCo 4.0.0 computes wrongly."""
 
 _RESERVED = re.compile(r"robot/|measure/|prism_|target_\d+(_visual)?$|cycle_\d+$")
 """Names that a run gives to robot, measurements, targets and keyframes."""
@@ -189,7 +173,6 @@ def build_scene(path: Path, robot: Robot, robot_spec: mujoco.MjSpec) -> Scene:
         if mujoco.mj_name2id(world, mujoco.mjtObj.mjOBJ_BODY, body) < 0:
             raise BadInput(f"{path}: body '{body}' is missing; name the fixture's body so")
     _check_fixed(path, world)
-    notes = _option_notes(world)
     limit = mujoco.mj_name2id(world, mujoco.mjtObj.mjOBJ_NUMERIC, "time_limit")
     time_limit = DEFAULT_TIME_LIMIT if limit < 0 else float(world.numeric("time_limit").data[0])
     if not (np.isfinite(time_limit) and time_limit > 0):
@@ -197,9 +180,8 @@ def build_scene(path: Path, robot: Robot, robot_spec: mujoco.MjSpec) -> Scene:
     cells = _cells(path, spec, world, data, T_base_world)
     place = _place(path, world, data, T_base_world)
     try:
-        _apply_options(
-            spec
-        )  # before the robot comes, whose options would be reported as a conflict
+        # before the robot comes, whose options would be reported as a conflict
+        notes = apply_physics(spec)
         spec.attach(robot_spec.copy(), prefix=ROBOT_PREFIX, site=spec.site("robot_base"))
         spec.compile()
     except (ValueError, mujoco.FatalError) as error:
@@ -245,6 +227,7 @@ def add_target(spec: mujoco.MjSpec, scene: Scene, target: Target) -> Any:
         friction=_TARGET_FRICTION,
         condim=4,
         group=3,
+        **PLAIN_CONTACT,
     )
     body.add_geom(
         name=f"{target.name}_visual",
@@ -266,21 +249,8 @@ def _prism(spec: mujoco.MjSpec, radius: float, length: float) -> str:
         angle = 2 * np.pi * np.arange(PRISM_SIDES) / PRISM_SIDES
         ring = np.stack([radius * np.cos(angle), radius * np.sin(angle)], axis=1)
         ends = [np.column_stack([ring, np.full(PRISM_SIDES, z)]) for z in (-length / 2, length / 2)]
-        spec.add_mesh(name=name, uservert=np.concatenate(ends).ravel())
+        spec.add_mesh(name=name, uservert=np.concatenate(ends).ravel(), scale=[1.0, 1.0, 1.0])
     return name
-
-
-def _physics() -> dict[str, Any]:
-    """Return every physics option: ours, and MuJoCo's default where we have none."""
-    default = mujoco.MjOption()
-    fields = [name for name in dir(default) if not name.startswith("_")]
-    return {name: getattr(default, name) for name in fields} | OPTIONS
-
-
-def _apply_options(spec: mujoco.MjSpec) -> None:
-    for field, value in _physics().items():
-        if hasattr(spec.option, field):
-            setattr(spec.option, field, value)
 
 
 def _check_names(path: Path, spec: mujoco.MjSpec) -> None:
@@ -303,18 +273,6 @@ def _check_fixed(path: Path, world: mujoco.MjModel) -> None:
     for name, body in bodies.items():
         if world.body_weldid[body] != 0:
             raise BadInput(f"{path}: '{name}' is on a body that can move; remove its joints")
-
-
-def _option_notes(world: mujoco.MjModel) -> tuple[str, ...]:
-    """Say which physics options of the scene file are replaced by ours."""
-    default = mujoco.MjOption()
-    notes = []
-    for field, ours in _physics().items():
-        theirs = getattr(world.opt, field)
-        changed = not np.array_equal(theirs, getattr(default, field))
-        if changed and not np.array_equal(theirs, ours):
-            notes.append(f"scene option {field} = {theirs} is replaced by {ours}")
-    return tuple(notes)
 
 
 def _pose(position: Array, rotation: Array) -> Array:

@@ -9,9 +9,9 @@ from conftest import standing_target
 
 from kr210_sim.exceptions import BadInput
 from kr210_sim.mjcf import TIMESTEP
+from kr210_sim.physics import OPTIONS
 from kr210_sim.scene import (
     DEFAULT_TIME_LIMIT,
-    OPTIONS,
     ROBOT_PREFIX,
     PlaceVolume,
     build_scene,
@@ -204,6 +204,37 @@ def test_an_option_of_the_scene_that_differs_is_replaced_and_noted(build, scene,
     theirs, ours = (x.spec.copy().compile().opt for x in (world, scene))
     for field in ("density", "viscosity", "wind", "noslip_iterations", "iterations", *OPTIONS):
         np.testing.assert_array_equal(getattr(theirs, field), getattr(ours, field), field)
+
+
+def test_compiler_settings_and_defaults_of_a_scene_change_neither_robot_nor_target(build):
+    settings = """<compiler boundmass="50" boundinertia="3" inertiafromgeom="true"/>
+    <default><geom friction="0.1 0.1 0.1" solref="0.1 1" solimp="0.5 0.6 0.1" margin="0.05"
+      gap="0.01" priority="3" condim="1" solmix="5" contype="2" conaffinity="4"/>
+    <joint damping="9" armature="3"/><mesh scale="2 2 2"/></default>"""
+    plain, changed = build(WORLD), build(WORLD.replace("<worldbody>", settings + "<worldbody>"))
+    assert len(changed.notes) == 3, changed.notes
+    models = []
+    for world in (plain, changed):
+        simulation = Simulation(world)
+        simulation.add(standing_target(world, 1))
+        models.append(simulation.model)
+    fields = "size friction solref solimp solmix margin gap priority condim contype conaffinity"
+    for field in fields.split():
+        mine, other = (_solid(model, getattr(model, f"geom_{field}")) for model in models)
+        np.testing.assert_equal(mine, other, err_msg=field)
+    for field in ("body_mass", "body_inertia", "body_ipos", "dof_damping", "dof_armature"):
+        mine, other = (getattr(model, field) for model in models)
+        np.testing.assert_array_equal(mine, other, err_msg=field)
+
+
+def _solid(model, values):
+    """Values of the geoms of robot and target that take part in contacts, by name."""
+    names = [model.geom(index).name for index in range(model.ngeom)]
+    return {
+        name: value
+        for name, value in zip(names, values, strict=True)
+        if name.startswith(("robot/", "target")) and not name.endswith("_visual")
+    }
 
 
 @pytest.mark.parametrize("which", ["scene", "turned_scene"])
