@@ -108,7 +108,7 @@ class Monitor:
         kept = {
             "time": self.time,
             "stage": STAGES.index(stage),
-            "qpos": np.array(self._simulation.data.qpos),
+            "qpos": np.array(self._simulation.measured),
             "ctrl": commands.ctrl[len(rows) - 1],
             "tcp_commanded": commands.T_base_tcp[len(rows) - 1],
             "tcp_measured": np.concatenate(
@@ -153,9 +153,10 @@ class Monitor:
             return np.zeros(count), np.zeros(count)
         held = np.arange(count) >= begin
         shift = np.linalg.norm(position - self._lift_off[0], axis=1)
-        # The vector part of q0^-1 q is sin(angle/2): well conditioned for small turns.
-        dot = np.clip(np.abs(quat_wxyz @ self._lift_off[1]), 0.0, 1.0)
-        turn = 2 * np.arctan2(np.sqrt(np.maximum(0.0, 1 - dot**2)), dot)
+        # Half the angle between unit quaternions (Kahan): well conditioned for small turns, too.
+        start = self._lift_off[1] * np.where(quat_wxyz @ self._lift_off[1] < 0, -1.0, 1.0)[:, None]
+        apart = np.linalg.norm(quat_wxyz - start, axis=1)
+        turn = 4 * np.arctan2(apart, np.linalg.norm(quat_wxyz + start, axis=1))
         return np.where(held, shift, 0.0), np.where(held, turn, 0.0)
 
     def _rest(self, speed: Array, spin: Array) -> None:

@@ -20,7 +20,7 @@ ROBOT_PREFIX = "robot/"
 DEFAULT_TIME_LIMIT = 60.0  # [s]
 PRISM_SIDES = 32
 
-_RESERVED = re.compile(r"robot/|measure/|prism_|target_\d+(_visual)?$|cycle_\d+$")
+_RESERVED = re.compile(r"robot/|measure/|prism_|target_\d+(_visual)?$|cycle_\d+$|scene_joint_")
 """Names that a run gives to robot, measurements, targets and keyframes."""
 
 _TARGET_FRICTION = (1.0, 0.005, 0.0001)
@@ -169,6 +169,8 @@ def build_scene(path: Path, robot: Robot, robot_spec: mujoco.MjSpec) -> Scene:
     if T_world_base[2, 2] < 1 - 1e-6:
         raise BadInput(f"{path}: site 'robot_base' is tilted; its +z axis must point up")
     _check_names(path, spec)
+    for number, joint in enumerate(spec.joints):  # records and restarts go by name
+        joint.name = joint.name or f"scene_joint_{number}"
     for body in ("shelf", "bin"):
         if mujoco.mj_name2id(world, mujoco.mjtObj.mjOBJ_BODY, body) < 0:
             raise BadInput(f"{path}: body '{body}' is missing; name the fixture's body so")

@@ -30,7 +30,7 @@ class CycleScore:
     """The verdict on one cycle.
 
     Attributes:
-        conditions: name -> whether it holds, all of `criteria.CONDITIONS`.
+        conditions: name -> whether it holds, all of `criteria.CONDITIONS`; None if nothing moved.
         cause: the first cause of the failure, None on success.
         cycle_time_s: from leaving home to the return to it [s], None if it did not return.
         motion_time_s: time in the motion stages [s].
@@ -41,7 +41,7 @@ class CycleScore:
         record: identity of the cycle and its wall clock come from here.
     """
 
-    conditions: dict[str, bool]
+    conditions: dict[str, bool | None]
     cause: Event | None
     cycle_time_s: float | None
     motion_time_s: float | None
@@ -94,10 +94,10 @@ def score_cycle(record: CycleRecord, *, time_limit: float) -> CycleScore:
     """
     series, final = record.series, record.final
     if not series:  # it failed before anything moved
-        conditions = dict.fromkeys(CONDITIONS, False)
-        return _score(record, conditions, _first_cause(record, conditions))
+        untried: dict[str, bool | None] = dict.fromkeys(CONDITIONS)
+        return _score(record, untried, _first_cause(record, untried))
     carrying = _carrying(record)
-    conditions = {
+    conditions: dict[str, bool | None] = {
         "lifted": bool(np.max(series["clear_height_max"]) >= LIFT_HEIGHT_LIMIT),
         "held": bool(
             carrying.any()
@@ -129,7 +129,7 @@ def _carrying(record: CycleRecord) -> NDArray[np.bool_]:
     return lifted & record.stage_mask(_CARRYING)
 
 
-def _first_cause(record: CycleRecord, conditions: dict[str, bool]) -> Event | None:
+def _first_cause(record: CycleRecord, conditions: dict[str, bool | None]) -> Event | None:
     """Return the earliest event, or the first condition that fails at the end; None on success."""
     if record.events:
         return min(record.events, key=lambda event: event.time)
@@ -141,7 +141,9 @@ def _first_cause(record: CycleRecord, conditions: dict[str, bool]) -> Event | No
     return Event(reason=CONDITIONS[name], stage=stage, time=time, detail=f"{name} is false")
 
 
-def _score(record: CycleRecord, conditions: dict[str, bool], cause: Event | None) -> CycleScore:
+def _score(
+    record: CycleRecord, conditions: dict[str, bool | None], cause: Event | None
+) -> CycleScore:
     series = record.series
     moving = record.stage_mask(MOTION_STAGES) if series else np.zeros(0, dtype=bool)
     lifted = conditions["lifted"]

@@ -35,6 +35,7 @@ class Simulation:
         addresses: of the robot in `model`.
         columns: slice of each measurement in the rows that `step` returns; present while a target
             is watched.
+        measured: (nq,), the positions that the last row of measurements belongs to.
         foreign_weights: (m,), a row of measurements times this is the number of contacts of robot
             and watched target that are not permitted.
     """
@@ -47,6 +48,7 @@ class Simulation:
         self.data = mujoco.MjData(self.model)
         self.columns: dict[str, slice] = {}
         self.foreign_weights = np.zeros(self.model.nsensordata)
+        self.measured = np.array(self.data.qpos)
         self._watched = ""
         self._permitted: set[str] = set()
         self._bind()
@@ -132,15 +134,18 @@ class Simulation:
     def step(self, ctrl: Array) -> Array:
         """Advance one physics step per row of ctrl (n, nu); return the measurements (n, m).
 
-        A row holds what MuJoCo measured in the state before that step was integrated. The steps
-        end early at the first contact that is not permitted, so that its bodies can be named.
+        A row holds what MuJoCo measured in the state before that step was integrated; `measured`
+        is the qpos of that state for the last row. The steps end early at the first contact that
+        is not permitted, so that its bodies can be named.
         """
         model, data = self.model, self.data
         rows = np.empty((len(ctrl), model.nsensordata))
         sensordata, target, weights = data.sensordata, data.ctrl, self.foreign_weights
+        self.measured, qpos = np.array(data.qpos), data.qpos
         with np.errstate(invalid="ignore"):  # a diverging state is for the caller to see
             for index in range(len(ctrl)):
                 target[:] = ctrl[index]
+                self.measured[:] = qpos
                 mujoco.mj_step(model, data)
                 rows[index] = sensordata
                 if weights @ sensordata > 0.5:

@@ -63,3 +63,22 @@ def test_the_arm_never_moves_faster_in_the_record_than_its_limits(default_run, r
         q = score.record.series["qpos"][:, arm]
         assert np.all(np.abs(np.diff(q, axis=0)) <= 1.02 * robot.velocity * RECORD_STEP)
         assert np.all((q >= robot.lower - 1e-4) & (q <= robot.upper + 1e-4))
+
+
+def test_the_positions_in_a_record_are_those_that_were_measured(good_cycle, robot):
+    record = good_cycle.record
+    columns = dict(zip(record.start, _columns(record), strict=True))
+    q = np.column_stack(
+        [record.series["qpos"][:, columns[f"robot/{name}"].start] for name in robot.arm_joints]
+    )
+    expected = robot.forward(q)[:, :3, 3]
+    np.testing.assert_allclose(record.series["tcp_measured"][:, :3], expected, atol=1e-9)
+
+
+def _columns(record):
+    """The slice of `qpos` that belongs to each joint."""
+    ends = np.cumsum([len(values) for values in record.start.values()])
+    return [
+        slice(end - len(values), end)
+        for end, values in zip(ends, record.start.values(), strict=True)
+    ]

@@ -6,8 +6,10 @@ import json
 import re
 from pathlib import Path
 
+import mujoco
 import numpy as np
 import pytest
+import trimesh
 
 from kr210_sim.config import RunConfig
 from kr210_sim.criteria import CONDITIONS
@@ -231,6 +233,24 @@ def test_an_episode_is_written_as_soon_as_it_is_finished(hasty_2x2, tmp_path):
     run(RunConfig(cycles=5, cell="all", scene=str(hasty_2x2), out=out), on_cycle=look)
     assert seen == [0, 0, 0, 0, 4]
     assert len(lines_of(out)) == 5
+
+
+def test_a_scene_with_joints_and_meshes_of_its_own_is_written_with_them(tmp_path):
+    (tmp_path / "shapes").mkdir()
+    trimesh.creation.box((0.1, 0.2, 0.3)).export(tmp_path / "shapes" / "block.obj")
+    path = write_hasty(resource("scenes", "shelf_and_bin.xml"), tmp_path / "own.xml")
+    text = path.read_text()
+    text = text.replace("<compiler ", '<compiler meshdir="shapes" ', 1)
+    text = text.replace("<asset>", '<asset><mesh name="block" file="block.obj"/>', 1)
+    lamp = (
+        '<body pos="-3 -3 1"><joint type="slide"/><joint/><geom type="mesh" mesh="block"/></body>'
+    )
+    path.write_text(text.replace("<worldbody>", f"<worldbody>{lamp}", 1))
+    run(RunConfig(cycles=1, scene=str(path), out=tmp_path / "out"))
+    folder = tmp_path / "out" / "episodes" / "0000"
+    assert (folder / "assets" / "block.obj").is_file()
+    world = mujoco.MjModel.from_xml_path(str(folder / "scene.xml"))
+    assert world.mesh("block").id >= 0
 
 
 def test_an_existing_run_is_never_overwritten(default_run):
