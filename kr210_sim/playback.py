@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -59,9 +60,14 @@ def load_world(out: Path, cycle: int) -> mujoco.MjModel:
     Args:
         out: folder of the run.
         cycle: index in the run.
+
+    Raises:
+        FileNotFoundError: if the run has no such cycle.
     """
-    for scene in sorted((out / "episodes").glob("*/scene.xml")):
-        model = mujoco.MjModel.from_xml_path(str(scene))
-        if any(model.key(index).name == f"cycle_{cycle:04d}" for index in range(model.nkey)):
-            return model
-    raise FileNotFoundError(f"{out}: no episode holds cycle {cycle}")
+    with (out / "cycles.jsonl").open(encoding="utf-8") as lines:
+        for line in lines:
+            score = json.loads(line)
+            if score["cycle"] == cycle:
+                scene = out / "episodes" / f"{score['episode']:04d}" / "scene.xml"
+                return mujoco.MjModel.from_xml_path(str(scene))
+    raise FileNotFoundError(f"{out}: no cycle {cycle} in cycles.jsonl")

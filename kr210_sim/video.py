@@ -26,6 +26,9 @@ INSTALL_LINE = (
 CAMERA = "overview"
 SIZE = (1280, 720)  # [pixels], width and height
 FPS = 25.0  # [1/s]
+STILL = 1.0
+"""A cycle in which nothing moved is shown for this long [s]."""
+
 _VISIBLE_GROUPS = (0, 1, 2)  # visual geometry; collision shapes (3) and sites (4) stay hidden
 _PROBE_SECONDS = 60.0
 
@@ -83,11 +86,12 @@ def draw_film(out: Path, film: Path) -> None:
     """Draw all cycles of a run into one .mp4; needs `MUJOCO_GL` to be set."""
     import imageio_ffmpeg
 
+    film.open("wb").close()  # says better than ffmpeg what is wrong with the path
     writer = imageio_ffmpeg.write_frames(str(film), SIZE, fps=FPS, codec="libx264", quality=7)
     writer.send(None)
     try:
-        for cycle in sorted((out / "cycles").glob("*.npz")):
-            player = Player(out, int(cycle.stem))
+        for cycle in sorted(int(path.stem) for path in (out / "cycles").glob("*.npz")):
+            player = Player(out, cycle)
             for frame in player.frames(CAMERA, np.arange(0.0, player.duration, 1.0 / FPS)):
                 writer.send(np.ascontiguousarray(frame))
     finally:
@@ -112,7 +116,7 @@ class Player:
         quality = self._model.vis.quality
         quality.shadowsize, quality.offsamples = (8192, 8) if fine else (2048, 0)
         self._start = np.array(self._model.key(f"cycle_{cycle:04d}").qpos)
-        self._time = self._series.get("time", np.zeros(1))  # absent if nothing moved
+        self._time = self._series.get("time", np.array([STILL]))  # absent if nothing moved
 
     @property
     def duration(self) -> float:
@@ -134,7 +138,8 @@ class Player:
         with mujoco.Renderer(model, SIZE[1], SIZE[0]) as renderer:
             for values in self._interpolated(times):
                 data.qpos[:] = self._start
-                place_joints(model, data.qpos, joints, values)
+                if len(values):
+                    place_joints(model, data.qpos, joints, values)
                 mujoco.mj_forward(model, data)
                 renderer.update_scene(data, camera if known else -1, option)
                 yield renderer.render()
@@ -143,7 +148,7 @@ class Player:
         """Return the recorded joints at times (n,); MuJoCo normalises the quaternions."""
         time, qpos = self._time, self._series.get("qpos")
         if qpos is None:
-            return np.empty((0, 0))
+            return np.empty((len(times), 0))
         right = np.clip(np.searchsorted(time, times), 1, len(time) - 1)
         weight = np.clip((times - time[right - 1]) / (time[right] - time[right - 1]), 0, 1)[:, None]
         return np.asarray((1 - weight) * qpos[right - 1] + weight * qpos[right])
