@@ -59,7 +59,8 @@ class CycleSetup:
     """What identifies a cycle and how fast it may be.
 
     Attributes:
-        cycle, episode, seed: for the record.
+        cycle, episode: for the record.
+        seed: of everything that is left to chance, and for the record.
         limits: joint limits of every motion.
         solver: an IK that takes the place of the analytic one.
     """
@@ -288,7 +289,7 @@ def _plan(cycle: _Cycle, record: CycleRecord) -> list[TimedMotion]:
     simulation, target, scene = cycle.simulation, cycle.target, cycle.scene
     started = time.perf_counter()
     oracle = MujocoOracle(simulation, scene, target)
-    planner = CyclePlanner(scene.robot, oracle, cycle.setup.solver)
+    planner = CyclePlanner(scene.robot, oracle, cycle.setup.solver, seed=cycle.setup.seed)
     place = scene.place
     release = release_point(
         place.T_base_place, place.half_size, place.kind, target.length, simulation.placed()
@@ -304,6 +305,7 @@ def _plan(cycle: _Cycle, record: CycleRecord) -> list[TimedMotion]:
         record.wall_clock["plan_time_s"] = time.perf_counter() - started
     record.wall_clock["ik_time_s"] = plan.seconds_per_pose
     record.p_base_release = plan.p_base_release
+    record.sampled_motions = plan.sampled_motions
     record.ik_offset_m, record.ik_offset_rad = ik_offsets(simulation, plan.solved)
     return motions
 

@@ -4,83 +4,59 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from enum import Enum
-from itertools import pairwise
-from typing import Protocol, TypeAlias
+from typing import TypeAlias
 
 import numpy as np
 
 import ik
 from kr210_sim.arrays import Array
 from kr210_sim.exceptions import CycleFailure
-from kr210_sim.path import Path
+from kr210_sim.legs import (
+    CLEARANCE_CELL,
+    CLEARANCE_FREE,
+    Blocked,
+    ClearanceOracle,
+    Hand,
+    Leg,
+    LegFinder,
+    Wanted,
+)
+from kr210_sim.record import STAGES
 from kr210_sim.robot import Robot
 from kr210_sim.task import PickPoses, PlacePoses
 from kr210_sim.tracks import Solver, Track, TrackFinder
 
-CLEARANCE_FREE = 0.02
-"""Kept to everything while moving between cell and bin [m]."""
-
-CLEARANCE_CELL = 0.004
-"""Kept to cell and target on the straight lines in and out [m]."""
-
-CHECK_STEP = 0.012
-"""Spacing of the configurations checked for clearance [rad]; below CLEARANCE_FREE at the TCP."""
-
-DETOURS = (
-    (0.0, 0.0),
-    (0.2, 0.0),
-    (0.4, 0.0),
-    (0.4, 0.2),
-    (0.6, 0.0),
-    (0.6, 0.3),
-    (0.8, 0.2),
-    (0.9, 0.0),
-)
-"""Detours tried on a joint move, (towards axis 1, upwards) at mid-move [m], least first."""
+__all__ = [
+    "CLEARANCE_CELL",
+    "CLEARANCE_FREE",
+    "MAX_TRIALS",
+    "STOPS",
+    "ClearanceOracle",
+    "CyclePlan",
+    "CyclePlanner",
+    "Hand",
+    "Leg",
+    "Motion",
+    "SolvedPoses",
+]
 
 MAX_TRIALS = 60
 """Combinations of pick and place checked before the cycle is given up."""
 
-
 STOPS = frozenset({"APPROACH", "LOWER"})
 """Stages at whose end the arm stops: to grasp and to release."""
 
-
-class Hand(Enum):
-    """What the gripper and the target do during a leg, for the clearance check."""
-
-    EMPTY = "open, the target standing in its cell"
-    AROUND = "open, the fingers passing the target"
-    LIFTING = "closed on the target, which may touch its support"
-    HOLDING = "closed on the target"
-    RELEASED = "open, the target gone"
-
-
-class ClearanceOracle(Protocol):
-    """What planning asks of the world."""
-
-    def blocked(self, q: Array, *, hand: Hand, clearance: float) -> str | None:
-        """Return None if all configurations (N, 6) keep that clearance [m], else what is near."""
-        ...
-
-
-@dataclass(frozen=True, kw_only=True)
-class Leg:
-    """A joint path, the stage it belongs to, and what it was checked for.
-
-    Attributes:
-        stage: one of `record.STAGES`; a detour makes two legs of one stage.
-        path: the geometry.
-        hand: what the gripper and the target do meanwhile.
-        clearance: kept to everything else [m].
-    """
-
-    stage: str
-    path: Path
-    hand: Hand
-    clearance: float
-
+_CHECKED = (
+    "MOVE_TO_PICK",
+    "APPROACH",
+    "LIFT",
+    "WITHDRAW",
+    "LOWER",
+    "RETREAT",
+    "MOVE_HOME",
+    "MOVE_TO_PLACE",
+)
+"""The legs of a combination in the order they are checked."""
 
 Motion: TypeAlias = tuple[Leg, ...]
 """Legs from one stop to the next."""
@@ -115,23 +91,40 @@ class CyclePlan:
     p_base_release: Array
     seconds_per_pose: float
 
+    @property
+    def sampled_motions(self) -> tuple[str, ...]:
+        """Stages whose path comes from the sampling planner, in order."""
+        legs = [leg for motion in self.motions for leg in motion]
+        return tuple(dict.fromkeys(leg.stage for leg in legs if leg.sampled))
+
 
 class CyclePlanner:
     """Plans one cycle of one robot in one world.
 
     Branch, turns, approach direction and release are chosen together: all combinations are ordered
     by their joint time at the velocity limits, and the first that keeps its clearance everywhere
-    is taken. A solver that plugs in has one answer to a pose; the options are then tried in turn.
+    is taken. Where none does, moves of the first are sampled until a budget is used up; lines and
+    ends that are blocked stay so. Only then follow higher releases, whose moves are mostly the
+    same. A solver that plugs in has one answer to a pose; the options are then tried in turn.
 
     Args:
         robot: limits, geometry and tool.
         oracle: answers for clearance.
         solver: an IK that takes the place of the analytic one.
+        seed: of the sampling planner.
     """
 
-    def __init__(self, robot: Robot, oracle: ClearanceOracle, solver: Solver | None = None) -> None:
+    def __init__(
+        self,
+        robot: Robot,
+        oracle: ClearanceOracle,
+        solver: Solver | None = None,
+        *,
+        seed: int = 0,
+    ) -> None:
         self._robot, self._oracle = robot, oracle
         self._finder = TrackFinder(robot, solver)
+        self._legs = LegFinder(robot, oracle, seed)
 
     def plan(
         self, *, q_home: Array, picks: list[PickPoses], places: Iterator[list[PlacePoses]]
@@ -156,7 +149,7 @@ class CyclePlanner:
         if not pick_tracks:
             raise self._finder.failure("MOVE_TO_PICK", "the target's cell")
         self._finder.forget()
-        blocked_by = ""
+        blocked: Blocked | None = None
         for batch in self._batches(places):
             place_tracks: list[Track] = []
             for place in batch:
@@ -168,9 +161,13 @@ class CyclePlanner:
             outcome = self._combine(q_home, pick_tracks, place_tracks)
             if isinstance(outcome, CyclePlan):
                 return outcome
-            blocked_by = outcome
-        if blocked_by:
-            raise CycleFailure("no_path", f"every way is blocked, the last by {blocked_by}")
+            blocked = _further(blocked, outcome)
+        if blocked is not None:
+            raise CycleFailure(
+                "no_path",
+                f"every way is blocked, the one that gets furthest by {blocked}",
+                stage=blocked.stage,
+            )
         raise self._finder.failure("MOVE_TO_PLACE", "the place volume")
 
     def _batches(self, places: Iterator[list[PlacePoses]]) -> Iterator[Sequence[PlacePoses]]:
@@ -183,8 +180,10 @@ class CyclePlanner:
     def _time(self, q_from: Array, q_to: Array) -> Array:
         return ik.joint_time(q_from, q_to, self._robot.velocity)
 
-    def _combine(self, q_home: Array, picks: list[Track], places: list[Track]) -> CyclePlan | str:
-        """Return the quickest free combination, or what blocked the last one tried."""
+    def _combine(
+        self, q_home: Array, picks: list[Track], places: list[Track]
+    ) -> CyclePlan | Blocked:
+        """Return the quickest free combination, or what blocked the one that got furthest."""
         pick_first = np.array([track.q[0] for track in picks])
         pick_last = np.array([track.q[-1] for track in picks])
         place_first = np.array([track.q[0] for track in places])
@@ -196,99 +195,44 @@ class CyclePlanner:
             + (self._time(place_first, q_home) + 2 * np.array(place_lines))[None]
         )
         order = np.argsort(cost, axis=None, kind="stable")[:MAX_TRIALS]
-        return self._first_free(q_home, picks, places, order)
+        blocked: Blocked | None = None
+        for sampling in (False, True):
+            for pair in order:
+                i, j = divmod(int(pair), len(places))
+                outcome = self._legs_of(q_home, picks[i], places[j], sampling=sampling)
+                if not isinstance(outcome, Blocked):
+                    return self._finish(outcome, picks[i], places[j])
+                blocked = _further(blocked, outcome)
+        assert blocked is not None
+        return blocked
 
-    def _first_free(
-        self, q_home: Array, picks: list[Track], places: list[Track], order: Array
-    ) -> CyclePlan | str:
-        pick_legs: dict[int, list[Leg] | str] = {}
-        place_legs: dict[int, list[Leg] | str] = {}
-        blocked_by = "nothing"
-        for pair in order:
-            i, j = divmod(int(pair), len(places))
-            if i not in pick_legs:
-                pick_legs[i] = self._pick_legs(q_home, picks[i])
-            if isinstance(pick := pick_legs[i], str):
-                blocked_by = pick
-                continue
-            if j not in place_legs:
-                place_legs[j] = self._place_legs(q_home, places[j])
-            if isinstance(place := place_legs[j], str):
-                blocked_by = place
-                continue
-            transfer = self._move("MOVE_TO_PLACE", picks[i].q[-1], places[j].q[0], Hand.HOLDING)
-            if isinstance(transfer, str):
-                blocked_by = transfer
-                continue
-            return self._finish([*pick, *transfer, *place], picks[i], places[j])
-        return blocked_by
+    def _legs_of(
+        self, q_home: Array, pick: Track, place: Track, *, sampling: bool
+    ) -> list[Leg] | Blocked:
+        """Return all legs of a combination, or what blocks the first that is blocked.
 
-    def _pick_legs(self, q_home: Array, track: Track) -> list[Leg] | str:
-        move = self._move("MOVE_TO_PICK", q_home, track.q[0], Hand.EMPTY)
-        if isinstance(move, str):
-            return move
-        legs = list(move)
-        for number, (stage, hand) in enumerate(
-            (("APPROACH", Hand.AROUND), ("LIFT", Hand.LIFTING), ("WITHDRAW", Hand.HOLDING))
-        ):
-            line = self._line(stage, track.part(number), hand, CLEARANCE_CELL)
-            if isinstance(line, str):
-                return line
-            legs.append(line)
-        return legs
-
-    def _place_legs(self, q_home: Array, track: Track) -> list[Leg] | str:
-        lower = self._line("LOWER", track.q, Hand.HOLDING, CLEARANCE_FREE)
-        if isinstance(lower, str):
-            return lower
-        retreat = self._line("RETREAT", track.q[::-1], Hand.RELEASED, CLEARANCE_FREE)
-        if isinstance(retreat, str):
-            return retreat
-        move = self._move("MOVE_HOME", track.q[0], q_home, Hand.RELEASED)
-        return move if isinstance(move, str) else [lower, retreat, *move]
-
-    def _line(self, stage: str, q: Array, hand: Hand, clearance: float) -> Leg | str:
-        """Return the leg along solved poses (N, 6), or what blocks it."""
-        if what := self._oracle.blocked(q, hand=hand, clearance=clearance):
-            return f"{what} in {stage}"
-        path = Path.through(q, self._robot.velocity)
-        return Leg(stage=stage, path=path, hand=hand, clearance=clearance)
-
-    def _move(self, stage: str, q_from: Array, q_to: Array, hand: Hand) -> list[Leg] | str:
-        """Return a free joint move, straight if possible, else by the least detour that is free."""
-        bulges = self._bulges(q_from, q_to)
-        what: str | None = "a joint limit"
-        for inward, upward in DETOURS:
-            via = (q_from + q_to) / 2 + inward * bulges[0] + upward * bulges[1]
-            corners = [q_from, via, q_to] if inward or upward else [q_from, q_to]
-            paths = [Path.straight(a, b, self._robot.velocity) for a, b in pairwise(corners)]
-            if not np.all(ik.within_limits(via, self._robot.lower, self._robot.upper)):
-                continue
-            q = np.concatenate([path.samples(CHECK_STEP) for path in paths])
-            if len(paths) > 1:  # the trajectory will round the corner: its inside must be free too
-                rounded = Path.through(_parabola(q_from, via, q_to), self._robot.velocity)
-                q = np.concatenate([q, rounded.samples(CHECK_STEP)])
-            what = self._oracle.blocked(q, hand=hand, clearance=CLEARANCE_FREE)
-            if what is None:
-                return [
-                    Leg(stage=stage, path=path, hand=hand, clearance=CLEARANCE_FREE)
-                    for path in paths
-                ]
-        return f"{what} in {stage}"
-
-    def _bulges(self, q_from: Array, q_to: Array) -> Array:
-        """Return joint displacements (2, 6) that move the TCP 1 m towards axis 1, and 1 m up.
-
-        Damped least squares on the Jacobian at mid-move, with the tool's orientation kept.
+        Args:
+            q_home: (6,) where it begins and ends [rad].
+            pick: the way to take the target.
+            place: the way to release it.
+            sampling: whether blocked moves are sampled, once everything else is free.
         """
-        middle = (q_from + q_to) / 2
-        jacobian = ik.jacobian(self._robot.geometry, middle)
-        p = self._robot.forward(middle)[:3, 3]
-        twists = np.zeros((2, 6))
-        twists[0, :2] = -p[:2] / max(float(np.hypot(p[0], p[1])), 1e-6)
-        twists[1, 2] = 1.0
-        damped = jacobian @ jacobian.T + 1e-2 * np.eye(6)
-        return np.asarray(np.linalg.solve(damped, twists.T).T @ jacobian)
+        legs: dict[str, list[Leg]] = {}
+        waiting: list[Wanted] = []
+        for wanted in _wishes(q_home, pick, place):
+            answer = self._legs.find(wanted)
+            if not isinstance(answer, Blocked):
+                legs[wanted.stage] = answer
+            elif answer.final or not sampling:
+                return answer
+            else:
+                waiting.append(wanted)
+        for wanted in waiting:
+            answer = self._legs.sample(wanted)
+            if isinstance(answer, Blocked):
+                return answer
+            legs[wanted.stage] = answer
+        return [leg for stage in STAGES for leg in legs.get(stage, ())]
 
     def _finish(self, legs: list[Leg], pick: Track, place: Track) -> CyclePlan:
         solved = SolvedPoses(
@@ -303,10 +247,29 @@ class CyclePlanner:
         )
 
 
-def _parabola(q_from: Array, q_via: Array, q_to: Array) -> Array:
-    """Return points (N, 6) of the parabola with tangents q_from - q_via and q_via - q_to."""
-    u = np.linspace(0.0, 1.0, 21)[:, None]
-    return (1 - u) ** 2 * q_from + 2 * u * (1 - u) * q_via + u**2 * q_to
+def _wishes(q_home: Array, pick: Track, place: Track) -> list[Wanted]:
+    """Return the legs of a combination in the order of `_CHECKED`."""
+    return [
+        Wanted.move("MOVE_TO_PICK", q_home, pick.q[0], Hand.EMPTY),
+        _line("APPROACH", pick.part(0), Hand.AROUND, CLEARANCE_CELL),
+        _line("LIFT", pick.part(1), Hand.LIFTING, CLEARANCE_CELL),
+        _line("WITHDRAW", pick.part(2), Hand.HOLDING, CLEARANCE_CELL),
+        _line("LOWER", place.q, Hand.HOLDING, CLEARANCE_FREE),
+        _line("RETREAT", place.q[::-1], Hand.RELEASED, CLEARANCE_FREE),
+        Wanted.move("MOVE_HOME", place.q[0], q_home, Hand.RELEASED),
+        Wanted.move("MOVE_TO_PLACE", pick.q[-1], place.q[0], Hand.HOLDING),
+    ]
+
+
+def _line(stage: str, q: Array, hand: Hand, clearance: float) -> Wanted:
+    return Wanted(stage=stage, q=q, hand=hand, clearance=clearance)
+
+
+def _further(one: Blocked | None, other: Blocked) -> Blocked:
+    """Return the obstacle that is checked later, of equals the other one."""
+    if one is None or _CHECKED.index(other.stage) >= _CHECKED.index(one.stage):
+        return other
+    return one
 
 
 def _motions(legs: list[Leg]) -> tuple[Motion, ...]:

@@ -62,6 +62,7 @@ class CycleRecord:
         events: in order of time; the first is the cause of a failure.
         final: name -> number at the end of the cycle; null where it was not reached.
         p_base_release: (3,) planned release point, or None without a plan.
+        sampled_motions: stages whose path comes from the sampling planner.
         ik_offset_m, ik_offset_rad: (N,) offsets of all solved poses.
         home_time: when the arm was back at home [s], or None.
         wall_clock: everything that depends on the machine's clock [s].
@@ -77,6 +78,7 @@ class CycleRecord:
     events: list[Event] = field(default_factory=list)
     final: dict[str, float] = field(default_factory=dict)
     p_base_release: Array | None = None
+    sampled_motions: tuple[str, ...] = ()
     ik_offset_m: Array = field(default_factory=lambda: np.empty(0))
     ik_offset_rad: Array = field(default_factory=lambda: np.empty(0))
     home_time: float | None = None

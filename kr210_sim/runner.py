@@ -16,7 +16,7 @@ import mujoco
 import numpy as np
 
 import ik
-from kr210_sim import __version__
+from kr210_sim import __version__, sampling
 from kr210_sim.config import EPISODE_CYCLES, RunConfig
 from kr210_sim.cycle import CycleSetup, Probe, run_cycle
 from kr210_sim.exceptions import BadInput
@@ -257,7 +257,8 @@ def _provenance(config: RunConfig, scene: Scene) -> dict[str, Any]:
         "options": config.as_json(),
         "scene_cells": len(scene.cells),
         "versions": {"kr210-sim": __version__, "python": platform.python_version()}
-        | {name: version(name) for name in packages},
+        | {name: version(name) for name in packages}
+        | {"ompl": version("ompl") if sampling.available() else None},
     }
 
 

@@ -50,6 +50,7 @@ def summarize(
         "seed": seed,
         "cycle_time_s": spread([score.cycle_time_s or 0.0 for score in good], *_TIMES),
         "motion_time_s": spread([score.motion_time_s or 0.0 for score in good], *_TIMES),
+        "sampled_motions": sum(len(score.record.sampled_motions) for score in scores),
         "ik_offset_m": spread(pooled([score.ik_offset_m for score in scores]), *_OFFSETS),
         "ik_offset_rad": spread(pooled([score.ik_offset_rad for score in scores]), *_OFFSETS),
         "tracking_offset_m": spread(
@@ -136,6 +137,8 @@ def summary_text(summary: dict[str, Any]) -> str:
         f"wall time      {summary['wall_time_s']:.1f} s, "
         f"{summary['realtime_factor']:.1f} times real time",
     ]
+    if summary["sampled_motions"]:
+        lines.append(f"sampled paths  {summary['sampled_motions']}")
     if summary["failures"]:
         counted = ", ".join(f"{reason} {count}" for reason, count in summary["failures"].items())
         lines.append(f"failures       {counted}")

@@ -105,8 +105,8 @@ class Detour(Free):
     def blocked(self, q, *, hand, clearance):
         q = np.array(q)
         chord = q[-1] - q[0]
-        aside = q - q[0] - np.outer((q - q[0]) @ chord / (chord @ chord), chord)
-        if hand is self.hand and np.max(np.abs(aside)) < 1e-6:
+        aside = q - q[0] - np.outer((q - q[0]) @ chord / max(chord @ chord, 1e-12), chord)
+        if hand is self.hand and len(q) > 1 and np.max(np.abs(aside)) < 1e-6:
             return "a pillar"
         self.passed = q if hand is self.hand else self.passed
         return None

@@ -1,0 +1,251 @@
+"""The legs of a cycle: lines through solved poses; joint moves straight, detoured or sampled."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from enum import Enum
+from itertools import pairwise
+from typing import Protocol
+
+import numpy as np
+
+import ik
+from kr210_sim import sampling
+from kr210_sim.arrays import Array
+from kr210_sim.path import Path
+from kr210_sim.robot import Robot
+
+CLEARANCE_FREE = 0.02
+"""Kept to everything while moving between cell and bin [m]."""
+
+CLEARANCE_CELL = 0.004
+"""Kept to cell and target on the straight lines in and out [m]."""
+
+CHECK_STEP = 0.012
+"""Spacing of the configurations checked for clearance [rad]; below CLEARANCE_FREE at the TCP."""
+
+DETOURS = (
+    (0.0, 0.0),
+    (0.2, 0.0),
+    (0.4, 0.0),
+    (0.4, 0.2),
+    (0.6, 0.0),
+    (0.6, 0.3),
+    (0.8, 0.2),
+    (0.9, 0.0),
+)
+"""Detours tried on a joint move, (towards axis 1, upwards) at mid-move [m], least first."""
+
+SAMPLED_CONFIGURATIONS = 12_000
+"""Configurations one sampled move may check before it is given up."""
+
+CYCLE_CONFIGURATIONS = 36_000
+"""Configurations all sampled moves of a cycle may check."""
+
+
+class Hand(Enum):
+    """What the gripper and the target do during a leg, for the clearance check."""
+
+    EMPTY = "open, the target standing in its cell"
+    AROUND = "open, the fingers passing the target"
+    LIFTING = "closed on the target, which may touch its support"
+    HOLDING = "closed on the target"
+    RELEASED = "open, the target gone"
+
+
+class ClearanceOracle(Protocol):
+    """What planning asks of the world."""
+
+    def blocked(self, q: Array, *, hand: Hand, clearance: float) -> str | None:
+        """Return None if all configurations (N, 6) keep that clearance [m], else what is near."""
+        ...
+
+
+@dataclass(frozen=True, kw_only=True)
+class Leg:
+    """A joint path, the stage it belongs to, and what it was checked for.
+
+    Attributes:
+        stage: one of `record.STAGES`; a detour makes several legs of one stage.
+        path: the geometry.
+        hand: what the gripper and the target do meanwhile.
+        clearance: kept to everything else [m].
+        sampled: whether it comes from the sampling planner.
+    """
+
+    stage: str
+    path: Path
+    hand: Hand
+    clearance: float
+    sampled: bool = False
+
+
+@dataclass(frozen=True, kw_only=True)
+class Blocked:
+    """Why there is no leg.
+
+    Attributes:
+        stage: of the leg.
+        what: is in the way, one clause.
+        final: whether another path between the same configurations is out of the question.
+    """
+
+    stage: str
+    what: str
+    final: bool = True
+
+    def __str__(self) -> str:
+        return f"{self.what} in {self.stage}"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Wanted:
+    """A leg that is wanted.
+
+    Attributes:
+        stage: it belongs to.
+        q: (N, 6) [rad]: poses solved along a line of the TCP, or the two ends of a joint move.
+        hand: what the gripper and the target do meanwhile.
+        clearance: to keep to everything else [m].
+        is_move: whether the path between the ends is free to choose.
+    """
+
+    stage: str
+    q: Array
+    hand: Hand
+    clearance: float
+    is_move: bool = False
+
+    @classmethod
+    def move(cls, stage: str, q_from: Array, q_to: Array, hand: Hand) -> Wanted:
+        """Return the wish for a joint move between two configurations (6,)."""
+        q = np.array([q_from, q_to])
+        return cls(stage=stage, q=q, hand=hand, clearance=CLEARANCE_FREE, is_move=True)
+
+
+class LegFinder:
+    """Finds the legs of one cycle, each once: many combinations of pick and place share them.
+
+    Args:
+        robot: limits and geometry.
+        oracle: answers for clearance.
+        seed: of everything that is left to chance.
+    """
+
+    def __init__(self, robot: Robot, oracle: ClearanceOracle, seed: int) -> None:
+        self._robot, self._oracle = robot, oracle
+        self._seeds = np.random.SeedSequence(seed)
+        self._budget = CYCLE_CONFIGURATIONS
+        self._found: dict[tuple[str, bytes], list[Leg] | Blocked] = {}
+
+    def find(self, wanted: Wanted) -> list[Leg] | Blocked:
+        """Return the legs that fulfil a wish, or what blocks it; nothing is sampled yet."""
+        key = (wanted.stage, wanted.q.tobytes())
+        if key not in self._found:
+            self._found[key] = self._move(wanted) if wanted.is_move else self._line(wanted)
+        return self._found[key]
+
+    def sample(self, wanted: Wanted) -> list[Leg] | Blocked:
+        """Return the legs of a move by sampling if `find` has no answer that is final."""
+        known = self.find(wanted)
+        if not isinstance(known, Blocked) or known.final:
+            return known
+        answer = self._sampled(wanted, known)
+        self._found[wanted.stage, wanted.q.tobytes()] = answer
+        return answer
+
+    def _line(self, wanted: Wanted) -> list[Leg] | Blocked:
+        if what := self._near(wanted.q, wanted):
+            return Blocked(stage=wanted.stage, what=what)
+        return _legs(wanted, [Path.through(wanted.q, self._robot.velocity)])
+
+    def _move(self, wanted: Wanted) -> list[Leg] | Blocked:
+        """Return the straight move if it is free, else the least detour that is."""
+        q_from, q_to = wanted.q
+        bulges = self._bulges(q_from, q_to)
+        what: str | None = "a joint limit"
+        for inward, upward in DETOURS:
+            via = (q_from + q_to) / 2 + inward * bulges[0] + upward * bulges[1]
+            is_straight = not (inward or upward)
+            if not np.all(ik.within_limits(via, self._robot.lower, self._robot.upper)):
+                continue
+            paths = self._straight([q_from, q_to] if is_straight else [q_from, via, q_to])
+            q = np.concatenate([path.samples(CHECK_STEP) for path in paths])
+            if not is_straight:  # the trajectory rounds the corner: its inside must be free too
+                rounded = Path.through(_parabola(q_from, via, q_to), self._robot.velocity)
+                q = np.concatenate([q, rounded.samples(CHECK_STEP)])
+            what = self._near(q, wanted)
+            if what is None:
+                return _legs(wanted, paths)
+            if is_straight and (ends := self._blocked_end(wanted)):
+                return ends
+        return Blocked(stage=wanted.stage, what=str(what), final=False)
+
+    def _blocked_end(self, wanted: Wanted) -> Blocked | None:
+        """Return what is too close at the start or the end of a move, if anything is."""
+        for name, q in zip(("start", "end"), wanted.q, strict=True):
+            if what := self._near(q[None], wanted):
+                return Blocked(stage=wanted.stage, what=f"{what} already at the {name}")
+        return None
+
+    def _sampled(self, wanted: Wanted, blocked: Blocked) -> list[Leg] | Blocked:
+        """Return a move that goes around what blocked the cheap ones."""
+        if not sampling.available():
+            return replace(blocked, what=f"{blocked.what} ({sampling.REMEDY})", final=True)
+        query = sampling.Query(
+            q_from=wanted.q[0],
+            q_to=wanted.q[1],
+            lower=self._robot.lower,
+            upper=self._robot.upper,
+            velocity=self._robot.velocity,
+            free=lambda q: self._near(q, wanted) is None,
+            step=CHECK_STEP,
+        )
+        budget = sampling.Budget(min(SAMPLED_CONFIGURATIONS, self._budget))
+        self._budget -= budget.left
+        rng = np.random.default_rng(self._seeds.spawn(1)[0])
+        corners = sampling.sample_path(query, rng, budget)
+        self._budget += max(0, budget.left)
+        if corners is None:
+            what = f"{blocked.what}, and sampling found no way around it"
+            return Blocked(stage=wanted.stage, what=what)
+        return _legs(wanted, self._straight(list(corners)), sampled=True)
+
+    def _near(self, q: Array, wanted: Wanted) -> str | None:
+        return self._oracle.blocked(q, hand=wanted.hand, clearance=wanted.clearance)
+
+    def _straight(self, corners: list[Array]) -> list[Path]:
+        return [Path.straight(a, b, self._robot.velocity) for a, b in pairwise(corners)]
+
+    def _bulges(self, q_from: Array, q_to: Array) -> Array:
+        """Return joint displacements (2, 6) that move the TCP 1 m towards axis 1, and 1 m up.
+
+        Damped least squares on the Jacobian at mid-move, with the tool's orientation kept.
+        """
+        middle = (q_from + q_to) / 2
+        jacobian = ik.jacobian(self._robot.geometry, middle)
+        p = self._robot.forward(middle)[:3, 3]
+        twists = np.zeros((2, 6))
+        twists[0, :2] = -p[:2] / max(float(np.hypot(p[0], p[1])), 1e-6)
+        twists[1, 2] = 1.0
+        damped = jacobian @ jacobian.T + 1e-2 * np.eye(6)
+        return np.asarray(np.linalg.solve(damped, twists.T).T @ jacobian)
+
+
+def _legs(wanted: Wanted, paths: list[Path], *, sampled: bool = False) -> list[Leg]:
+    return [
+        Leg(
+            stage=wanted.stage,
+            path=path,
+            hand=wanted.hand,
+            clearance=wanted.clearance,
+            sampled=sampled,
+        )
+        for path in paths
+    ]
+
+
+def _parabola(q_from: Array, q_via: Array, q_to: Array) -> Array:
+    """Return points (N, 6) of the parabola with tangents q_from - q_via and q_via - q_to."""
+    u = np.linspace(0.0, 1.0, 21)[:, None]
+    return (1 - u) ** 2 * q_from + 2 * u * (1 - u) * q_via + u**2 * q_to
