@@ -2,30 +2,28 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from enum import Enum
 from itertools import pairwise
-from typing import Protocol, TypeAlias
+from typing import Protocol, TypeAlias, TypeVar
 
 import numpy as np
 
 import ik
 from kr210_sim.arrays import Array
+from kr210_sim.criteria import CLEARANCE_FREE
 from kr210_sim.exceptions import CycleFailure
 from kr210_sim.path import Path
 from kr210_sim.robot import Robot
 from kr210_sim.task import PickPoses, PlacePoses
 from kr210_sim.tracks import Solver, Track, TrackFinder
 
-CLEARANCE_FREE = 0.02
-"""Kept to everything while moving between cell and bin [m]."""
-
 CLEARANCE_CELL = 0.004
 """Kept to cell and target on the straight lines in and out [m]."""
 
 CHECK_STEP = 0.012
-"""Spacing of the configurations checked for clearance [rad]; below CLEARANCE_FREE at the TCP."""
+"""Spacing of the configurations between which a curved path counts as straight [rad]."""
 
 DETOURS = (
     (0.0, 0.0),
@@ -61,7 +59,10 @@ class ClearanceOracle(Protocol):
     """What planning asks of the world."""
 
     def blocked(self, q: Array, *, hand: Hand, clearance: float) -> str | None:
-        """Return None if all configurations (N, 6) keep that clearance [m], else what is near."""
+        """Return None if the path keeps that clearance [m] everywhere, else what is near.
+
+        The path is the polyline through configurations (N, 6), the straight pieces included.
+        """
         ...
 
 
@@ -82,6 +83,7 @@ class Leg:
     clearance: float
 
 
+Option = TypeVar("Option", PickPoses, PlacePoses)
 Motion: TypeAlias = tuple[Leg, ...]
 """Legs from one stop to the next."""
 
@@ -127,10 +129,18 @@ class CyclePlanner:
         robot: limits, geometry and tool.
         oracle: answers for clearance.
         solver: an IK that takes the place of the analytic one.
+        clearance: kept to everything outside the cells [m].
     """
 
-    def __init__(self, robot: Robot, oracle: ClearanceOracle, solver: Solver | None = None) -> None:
-        self._robot, self._oracle = robot, oracle
+    def __init__(
+        self,
+        robot: Robot,
+        oracle: ClearanceOracle,
+        solver: Solver | None = None,
+        *,
+        clearance: float = CLEARANCE_FREE,
+    ) -> None:
+        self._robot, self._oracle, self._clearance = robot, oracle, clearance
         self._finder = TrackFinder(robot, solver)
 
     def plan(
@@ -147,22 +157,21 @@ class CyclePlanner:
             CycleFailure: unreachable, joint_limits, no_path or bad_ik.
         """
         pick_tracks: list[Track] = []
-        for pick in picks:
-            corners = (pick.pre_grasp, pick.grasp, pick.lift, pick.withdraw)
-            found = self._finder.find(corners, anchor=1, q_start=q_home)
-            pick_tracks += found
-            if found and self._finder.one_answer:
+        for batch in self._batches([picks]):
+            corners = [(pick.pre_grasp, pick.grasp, pick.lift, pick.withdraw) for pick in batch]
+            pick_tracks += self._finder.find(corners, anchor=1, q_start=q_home)
+            if pick_tracks:
                 break
         if not pick_tracks:
             raise self._finder.failure("MOVE_TO_PICK", "the target's cell")
         self._finder.forget()
         blocked_by = ""
-        for batch in self._batches(places):
-            place_tracks: list[Track] = []
-            for place in batch:
-                place_tracks += self._finder.find(
-                    (place.pre_place, place.place), anchor=1, q_start=pick_tracks[0].q[-1]
-                )
+        for options in self._batches(places):
+            place_tracks = self._finder.find(
+                [(place.pre_place, place.place) for place in options],
+                anchor=1,
+                q_start=pick_tracks[0].q[-1],
+            )
             if not place_tracks:
                 continue
             outcome = self._combine(q_home, pick_tracks, place_tracks)
@@ -173,10 +182,11 @@ class CyclePlanner:
             raise CycleFailure("no_path", f"every way is blocked, the last by {blocked_by}")
         raise self._finder.failure("MOVE_TO_PLACE", "the place volume")
 
-    def _batches(self, places: Iterator[list[PlacePoses]]) -> Iterator[Sequence[PlacePoses]]:
-        for batch in places:
+    def _batches(self, batches: Iterable[list[Option]]) -> Iterator[list[Option]]:
+        """Yield batches of options; one by one for a solver, which has one answer to each."""
+        for batch in batches:
             if self._finder.one_answer:
-                yield from ((place,) for place in batch)
+                yield from ([option] for option in batch)
             else:
                 yield batch
 
@@ -238,10 +248,10 @@ class CyclePlanner:
         return legs
 
     def _place_legs(self, q_home: Array, track: Track) -> list[Leg] | str:
-        lower = self._line("LOWER", track.q, Hand.HOLDING, CLEARANCE_FREE)
+        lower = self._line("LOWER", track.q, Hand.HOLDING, self._clearance)
         if isinstance(lower, str):
             return lower
-        retreat = self._line("RETREAT", track.q[::-1], Hand.RELEASED, CLEARANCE_FREE)
+        retreat = self._line("RETREAT", track.q[::-1], Hand.RELEASED, self._clearance)
         if isinstance(retreat, str):
             return retreat
         move = self._move("MOVE_HOME", track.q[0], q_home, Hand.RELEASED)
@@ -264,14 +274,12 @@ class CyclePlanner:
             paths = [Path.straight(a, b, self._robot.velocity) for a, b in pairwise(corners)]
             if not np.all(ik.within_limits(via, self._robot.lower, self._robot.upper)):
                 continue
+            # The trajectory rounds the corner only as far as its inside is free, too.
             q = np.concatenate([path.samples(CHECK_STEP) for path in paths])
-            if len(paths) > 1:  # the trajectory will round the corner: its inside must be free too
-                rounded = Path.through(_parabola(q_from, via, q_to), self._robot.velocity)
-                q = np.concatenate([q, rounded.samples(CHECK_STEP)])
-            what = self._oracle.blocked(q, hand=hand, clearance=CLEARANCE_FREE)
+            what = self._oracle.blocked(q, hand=hand, clearance=self._clearance)
             if what is None:
                 return [
-                    Leg(stage=stage, path=path, hand=hand, clearance=CLEARANCE_FREE)
+                    Leg(stage=stage, path=path, hand=hand, clearance=self._clearance)
                     for path in paths
                 ]
         return f"{what} in {stage}"
@@ -301,12 +309,6 @@ class CyclePlanner:
             p_base_release=self._robot.forward(place.q[-1])[:3, 3],
             seconds_per_pose=self._finder.seconds / self._finder.poses,
         )
-
-
-def _parabola(q_from: Array, q_via: Array, q_to: Array) -> Array:
-    """Return points (N, 6) of the parabola with tangents q_from - q_via and q_via - q_to."""
-    u = np.linspace(0.0, 1.0, 21)[:, None]
-    return (1 - u) ** 2 * q_from + 2 * u * (1 - u) * q_via + u**2 * q_to
 
 
 def _motions(legs: list[Leg]) -> tuple[Motion, ...]:
