@@ -95,6 +95,7 @@ def _add_run(verbs: Any) -> None:
         "cycles": int,
         "seed": int,
         "mass": float,
+        "clearance": float,
         "speed": float,
         "min_success": float,
         "out": Path,

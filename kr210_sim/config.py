@@ -7,6 +7,7 @@ from dataclasses import asdict, dataclass, field, fields
 from pathlib import Path
 from typing import Any
 
+from kr210_sim.criteria import CLEARANCE_CAP, CLEARANCE_FREE
 from kr210_sim.exceptions import BadInput
 from kr210_sim.source import RobotSource
 
@@ -52,6 +53,9 @@ class RunConfig:
     )
     mass: float = _option(1.0, "mass of the target [kg]", "KG")
     speed: float = _option(1.0, "0 < F <= 1: velocity x F, acceleration x F^2, jerk x F^3", "F")
+    clearance: float = _option(
+        CLEARANCE_FREE, "kept to everything outside the cells [m]; 0 to 0.1", "M"
+    )
     ik: str = _option("analytic", "inverse kinematics to use: analytic or numeric", "NAME")
     min_success: float = _option(0.8, "success rate below which the exit status is 1", "F")
     out: Path | None = _option(
@@ -76,6 +80,10 @@ class RunConfig:
             raise BadInput(f"--mass: {self.mass} is impossible; give {MIN_MASS:g} kg or more")
         if not (math.isfinite(self.speed) and 0 < self.speed <= 1):
             raise BadInput(f"--speed: {self.speed} is out of range; give 0 < F <= 1")
+        if not 0 <= self.clearance <= CLEARANCE_CAP:
+            raise BadInput(
+                f"--clearance: {self.clearance} m is out of range; give 0 to {CLEARANCE_CAP:g}"
+            )
         self.robot_source()
         if self.ik not in SOLVERS:
             raise BadInput(f"--ik: no solver '{self.ik}'; give one of {', '.join(SOLVERS)}")

@@ -21,6 +21,12 @@ JUMP_SLACK = 1e-3
 """A target that moves this much further in one physics step than its speed explains [m] was moved
 by something else than forces; no such cycle succeeds."""
 
+CLEARANCE_FREE = 0.02
+"""Kept to everything while moving outside the cells, unless another is asked for [m]."""
+
+CLEARANCE_CAP = 0.1
+"""The clearance oracle measures no farther [m]: more can be neither asked for nor recorded."""
+
 REST_SPEED = 0.005
 """`placed`: slower than this [m/s]."""
 

@@ -10,9 +10,10 @@ import mujoco
 import numpy as np
 
 from kr210_sim.arrays import Array
+from kr210_sim.clearance import least_clearance
 from kr210_sim.collision import MujocoOracle
 from kr210_sim.control import Controller
-from kr210_sim.criteria import HOME_SLACK, REST_TIME
+from kr210_sim.criteria import CLEARANCE_FREE, HOME_SLACK, REST_TIME
 from kr210_sim.exceptions import CycleFailure
 from kr210_sim.monitor import Monitor
 from kr210_sim.offsets import ik_offsets
@@ -63,6 +64,7 @@ class CycleSetup:
         seed: of everything that is left to chance, and for the record.
         limits: joint limits of every motion.
         solver: an IK that takes the place of the analytic one.
+        clearance: kept to everything outside the cells [m].
     """
 
     cycle: int
@@ -70,6 +72,7 @@ class CycleSetup:
     seed: int
     limits: MotionLimits
     solver: Solver | None = None
+    clearance: float = CLEARANCE_FREE
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -289,7 +292,10 @@ def _plan(cycle: _Cycle, record: CycleRecord) -> list[TimedMotion]:
     simulation, target, scene = cycle.simulation, cycle.target, cycle.scene
     started = time.perf_counter()
     oracle = MujocoOracle(simulation, scene, target)
-    planner = CyclePlanner(scene.robot, oracle, cycle.setup.solver, seed=cycle.setup.seed)
+    setup = cycle.setup
+    planner = CyclePlanner(
+        scene.robot, oracle, setup.solver, seed=setup.seed, clearance=setup.clearance
+    )
     place = scene.place
     release = release_point(
         place.T_base_place, place.half_size, place.kind, target.length, simulation.placed()
@@ -307,6 +313,8 @@ def _plan(cycle: _Cycle, record: CycleRecord) -> list[TimedMotion]:
     record.p_base_release = plan.p_base_release
     record.sampled_motions = plan.sampled_motions
     record.ik_offset_m, record.ik_offset_rad = ik_offsets(simulation, plan.solved)
+    for legs, motion in zip(plan.motions, motions, strict=True):
+        record.clearance_m |= least_clearance(legs, motion.trajectory, oracle)
     return motions
 
 

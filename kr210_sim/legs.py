@@ -15,14 +15,8 @@ from kr210_sim.arrays import Array
 from kr210_sim.path import Path
 from kr210_sim.robot import Robot
 
-CLEARANCE_FREE = 0.02
-"""Kept to everything while moving between cell and bin [m]."""
-
 CLEARANCE_CELL = 0.004
 """Kept to cell and target on the straight lines in and out [m]."""
-
-CHECK_STEP = 0.012
-"""Spacing of the configurations checked for clearance [rad]; below CLEARANCE_FREE at the TCP."""
 
 DETOURS = (
     (0.0, 0.0),
@@ -57,7 +51,10 @@ class ClearanceOracle(Protocol):
     """What planning asks of the world."""
 
     def blocked(self, q: Array, *, hand: Hand, clearance: float) -> str | None:
-        """Return None if all configurations (N, 6) keep that clearance [m], else what is near."""
+        """Return None if the path keeps that clearance [m] everywhere, else what is near.
+
+        The path is the polyline through configurations (N, 6), the straight pieces included.
+        """
         ...
 
 
@@ -117,10 +114,10 @@ class Wanted:
     is_move: bool = False
 
     @classmethod
-    def move(cls, stage: str, q_from: Array, q_to: Array, hand: Hand) -> Wanted:
+    def move(cls, stage: str, q_from: Array, q_to: Array, hand: Hand, clearance: float) -> Wanted:
         """Return the wish for a joint move between two configurations (6,)."""
         q = np.array([q_from, q_to])
-        return cls(stage=stage, q=q, hand=hand, clearance=CLEARANCE_FREE, is_move=True)
+        return cls(stage=stage, q=q, hand=hand, clearance=clearance, is_move=True)
 
 
 class LegFinder:
@@ -157,7 +154,7 @@ class LegFinder:
     def _line(self, wanted: Wanted) -> list[Leg] | Blocked:
         if what := self._near(wanted.q, wanted):
             return Blocked(stage=wanted.stage, what=what)
-        return _legs(wanted, [Path.through(wanted.q, self._robot.velocity)])
+        return [_leg(wanted, Path.through(wanted.q, self._robot.velocity))]
 
     def _move(self, wanted: Wanted) -> list[Leg] | Blocked:
         """Return the straight move if it is free, else the least detour that is."""
@@ -169,14 +166,11 @@ class LegFinder:
             is_straight = not (inward or upward)
             if not np.all(ik.within_limits(via, self._robot.lower, self._robot.upper)):
                 continue
-            paths = self._straight([q_from, q_to] if is_straight else [q_from, via, q_to])
-            q = np.concatenate([path.samples(CHECK_STEP) for path in paths])
-            if not is_straight:  # the trajectory rounds the corner: its inside must be free too
-                rounded = Path.through(_parabola(q_from, via, q_to), self._robot.velocity)
-                q = np.concatenate([q, rounded.samples(CHECK_STEP)])
-            what = self._near(q, wanted)
+            # The trajectory rounds a corner only as far as its inside is free, too.
+            corners = np.array([q_from, q_to] if is_straight else [q_from, via, q_to])
+            what = self._near(corners, wanted)
             if what is None:
-                return _legs(wanted, paths)
+                return self._straight(corners, wanted)
             if is_straight and (ends := self._blocked_end(wanted)):
                 return ends
         return Blocked(stage=wanted.stage, what=str(what), final=False)
@@ -199,7 +193,6 @@ class LegFinder:
             upper=self._robot.upper,
             velocity=self._robot.velocity,
             free=lambda q: self._near(q, wanted) is None,
-            step=CHECK_STEP,
         )
         budget = sampling.Budget(min(SAMPLED_CONFIGURATIONS, self._budget))
         self._budget -= budget.left
@@ -209,13 +202,17 @@ class LegFinder:
         if corners is None:
             what = f"{blocked.what}, and sampling found no way around it"
             return Blocked(stage=wanted.stage, what=what)
-        return _legs(wanted, self._straight(list(corners)), sampled=True)
+        return self._straight(corners, wanted, sampled=True)
 
     def _near(self, q: Array, wanted: Wanted) -> str | None:
         return self._oracle.blocked(q, hand=wanted.hand, clearance=wanted.clearance)
 
-    def _straight(self, corners: list[Array]) -> list[Path]:
-        return [Path.straight(a, b, self._robot.velocity) for a, b in pairwise(corners)]
+    def _straight(self, corners: Array, wanted: Wanted, *, sampled: bool = False) -> list[Leg]:
+        """Return the straight legs between corners (N, 6)."""
+        return [
+            _leg(wanted, Path.straight(a, b, self._robot.velocity), sampled=sampled)
+            for a, b in pairwise(corners)
+        ]
 
     def _bulges(self, q_from: Array, q_to: Array) -> Array:
         """Return joint displacements (2, 6) that move the TCP 1 m towards axis 1, and 1 m up.
@@ -232,20 +229,11 @@ class LegFinder:
         return np.asarray(np.linalg.solve(damped, twists.T).T @ jacobian)
 
 
-def _legs(wanted: Wanted, paths: list[Path], *, sampled: bool = False) -> list[Leg]:
-    return [
-        Leg(
-            stage=wanted.stage,
-            path=path,
-            hand=wanted.hand,
-            clearance=wanted.clearance,
-            sampled=sampled,
-        )
-        for path in paths
-    ]
-
-
-def _parabola(q_from: Array, q_via: Array, q_to: Array) -> Array:
-    """Return points (N, 6) of the parabola with tangents q_from - q_via and q_via - q_to."""
-    u = np.linspace(0.0, 1.0, 21)[:, None]
-    return (1 - u) ** 2 * q_from + 2 * u * (1 - u) * q_via + u**2 * q_to
+def _leg(wanted: Wanted, path: Path, *, sampled: bool = False) -> Leg:
+    return Leg(
+        stage=wanted.stage,
+        path=path,
+        hand=wanted.hand,
+        clearance=wanted.clearance,
+        sampled=sampled,
+    )

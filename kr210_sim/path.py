@@ -85,5 +85,10 @@ class Path:
         """Return configurations (N, 6) no further apart than `step` [rad] in any joint."""
         coarse = self(np.linspace(0.0, self.length, 33))
         travel = float(np.max(np.sum(np.abs(np.diff(coarse, axis=0)), axis=0)))
-        count = max(2, int(np.ceil(1.3 * travel / step)) + 1)
-        return self(np.linspace(0.0, self.length, count))
+        count = max(2, int(np.ceil(travel / step)) + 1)
+        while True:
+            q = self(np.linspace(0.0, self.length, count))
+            widest = float(np.max(np.abs(np.diff(q, axis=0))))
+            if widest <= step:
+                return q
+            count = int(np.ceil(count * widest / step)) + 1

@@ -2,18 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
-from typing import TypeAlias
+from typing import TypeAlias, TypeVar
 
 import numpy as np
 
 import ik
 from kr210_sim.arrays import Array
+from kr210_sim.criteria import CLEARANCE_FREE
 from kr210_sim.exceptions import CycleFailure
 from kr210_sim.legs import (
     CLEARANCE_CELL,
-    CLEARANCE_FREE,
     Blocked,
     ClearanceOracle,
     Hand,
@@ -28,7 +28,6 @@ from kr210_sim.tracks import Solver, Track, TrackFinder
 
 __all__ = [
     "CLEARANCE_CELL",
-    "CLEARANCE_FREE",
     "MAX_TRIALS",
     "STOPS",
     "ClearanceOracle",
@@ -58,6 +57,7 @@ _CHECKED = (
 )
 """The legs of a combination in the order they are checked."""
 
+Option = TypeVar("Option", PickPoses, PlacePoses)
 Motion: TypeAlias = tuple[Leg, ...]
 """Legs from one stop to the next."""
 
@@ -112,6 +112,7 @@ class CyclePlanner:
         oracle: answers for clearance.
         solver: an IK that takes the place of the analytic one.
         seed: of the sampling planner.
+        clearance: kept to everything outside the cells [m].
     """
 
     def __init__(
@@ -121,8 +122,9 @@ class CyclePlanner:
         solver: Solver | None = None,
         *,
         seed: int = 0,
+        clearance: float = CLEARANCE_FREE,
     ) -> None:
-        self._robot, self._oracle = robot, oracle
+        self._robot, self._clearance = robot, clearance
         self._finder = TrackFinder(robot, solver)
         self._legs = LegFinder(robot, oracle, seed)
 
@@ -140,22 +142,21 @@ class CyclePlanner:
             CycleFailure: unreachable, joint_limits, no_path or bad_ik.
         """
         pick_tracks: list[Track] = []
-        for pick in picks:
-            corners = (pick.pre_grasp, pick.grasp, pick.lift, pick.withdraw)
-            found = self._finder.find(corners, anchor=1, q_start=q_home)
-            pick_tracks += found
-            if found and self._finder.one_answer:
+        for batch in self._batches([picks]):
+            corners = [(pick.pre_grasp, pick.grasp, pick.lift, pick.withdraw) for pick in batch]
+            pick_tracks += self._finder.find(corners, anchor=1, q_start=q_home)
+            if pick_tracks:
                 break
         if not pick_tracks:
             raise self._finder.failure("MOVE_TO_PICK", "the target's cell")
         self._finder.forget()
         blocked: Blocked | None = None
-        for batch in self._batches(places):
-            place_tracks: list[Track] = []
-            for place in batch:
-                place_tracks += self._finder.find(
-                    (place.pre_place, place.place), anchor=1, q_start=pick_tracks[0].q[-1]
-                )
+        for options in self._batches(places):
+            place_tracks = self._finder.find(
+                [(place.pre_place, place.place) for place in options],
+                anchor=1,
+                q_start=pick_tracks[0].q[-1],
+            )
             if not place_tracks:
                 continue
             outcome = self._combine(q_home, pick_tracks, place_tracks)
@@ -170,10 +171,11 @@ class CyclePlanner:
             )
         raise self._finder.failure("MOVE_TO_PLACE", "the place volume")
 
-    def _batches(self, places: Iterator[list[PlacePoses]]) -> Iterator[Sequence[PlacePoses]]:
-        for batch in places:
+    def _batches(self, batches: Iterable[list[Option]]) -> Iterator[list[Option]]:
+        """Yield batches of options; one by one for a solver, which has one answer to each."""
+        for batch in batches:
             if self._finder.one_answer:
-                yield from ((place,) for place in batch)
+                yield from ([option] for option in batch)
             else:
                 yield batch
 
@@ -219,7 +221,7 @@ class CyclePlanner:
         """
         legs: dict[str, list[Leg]] = {}
         waiting: list[Wanted] = []
-        for wanted in _wishes(q_home, pick, place):
+        for wanted in self._wishes(q_home, pick, place):
             answer = self._legs.find(wanted)
             if not isinstance(answer, Blocked):
                 legs[wanted.stage] = answer
@@ -234,6 +236,24 @@ class CyclePlanner:
             legs[wanted.stage] = answer
         return [leg for stage in STAGES for leg in legs.get(stage, ())]
 
+    def _wishes(self, q_home: Array, pick: Track, place: Track) -> tuple[Wanted, ...]:
+        """Return the legs of a combination in the order of `_CHECKED`."""
+        cell, free = CLEARANCE_CELL, self._clearance
+
+        def line(stage: str, q: Array, hand: Hand, clearance: float) -> Wanted:
+            return Wanted(stage=stage, q=q, hand=hand, clearance=clearance)
+
+        return (
+            Wanted.move("MOVE_TO_PICK", q_home, pick.q[0], Hand.EMPTY, free),
+            line("APPROACH", pick.part(0), Hand.AROUND, cell),
+            line("LIFT", pick.part(1), Hand.LIFTING, cell),
+            line("WITHDRAW", pick.part(2), Hand.HOLDING, cell),
+            line("LOWER", place.q, Hand.HOLDING, free),
+            line("RETREAT", place.q[::-1], Hand.RELEASED, free),
+            Wanted.move("MOVE_HOME", place.q[0], q_home, Hand.RELEASED, free),
+            Wanted.move("MOVE_TO_PLACE", pick.q[-1], place.q[0], Hand.HOLDING, free),
+        )
+
     def _finish(self, legs: list[Leg], pick: Track, place: Track) -> CyclePlan:
         solved = SolvedPoses(
             T_base_palm=np.concatenate([pick.T_base_palm, place.T_base_palm]),
@@ -245,24 +265,6 @@ class CyclePlanner:
             p_base_release=self._robot.forward(place.q[-1])[:3, 3],
             seconds_per_pose=self._finder.seconds / self._finder.poses,
         )
-
-
-def _wishes(q_home: Array, pick: Track, place: Track) -> list[Wanted]:
-    """Return the legs of a combination in the order of `_CHECKED`."""
-    return [
-        Wanted.move("MOVE_TO_PICK", q_home, pick.q[0], Hand.EMPTY),
-        _line("APPROACH", pick.part(0), Hand.AROUND, CLEARANCE_CELL),
-        _line("LIFT", pick.part(1), Hand.LIFTING, CLEARANCE_CELL),
-        _line("WITHDRAW", pick.part(2), Hand.HOLDING, CLEARANCE_CELL),
-        _line("LOWER", place.q, Hand.HOLDING, CLEARANCE_FREE),
-        _line("RETREAT", place.q[::-1], Hand.RELEASED, CLEARANCE_FREE),
-        Wanted.move("MOVE_HOME", place.q[0], q_home, Hand.RELEASED),
-        Wanted.move("MOVE_TO_PLACE", pick.q[-1], place.q[0], Hand.HOLDING),
-    ]
-
-
-def _line(stage: str, q: Array, hand: Hand, clearance: float) -> Wanted:
-    return Wanted(stage=stage, q=q, hand=hand, clearance=clearance)
 
 
 def _further(one: Blocked | None, other: Blocked) -> Blocked:

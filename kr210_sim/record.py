@@ -29,6 +29,9 @@ STAGES = (
 )
 """The stages of a cycle; SETTLE waits, arm at home, until the target rests."""
 
+FREE_STAGES = frozenset({"MOVE_TO_PICK", "MOVE_TO_PLACE", "MOVE_HOME"})
+"""Motions outside cell and place volume."""
+
 MOTION_STAGES = frozenset(STAGES) - {"CLOSE_GRIPPER", "OPEN_GRIPPER", "SETTLE"}
 
 
@@ -64,6 +67,8 @@ class CycleRecord:
         p_base_release: (3,) planned release point, or None without a plan.
         sampled_motions: stages whose path comes from the sampling planner.
         ik_offset_m, ik_offset_rad: (N,) offsets of all solved poses.
+        clearance_m: stage -> least clearance of its motion as it was timed [m], at most
+            `criteria.CLEARANCE_CAP`; empty without a plan.
         home_time: when the arm was back at home [s], or None.
         wall_clock: everything that depends on the machine's clock [s].
         start: joint name -> its part of `qpos` at the beginning of the cycle, in order of `qpos`.
@@ -81,6 +86,7 @@ class CycleRecord:
     sampled_motions: tuple[str, ...] = ()
     ik_offset_m: Array = field(default_factory=lambda: np.empty(0))
     ik_offset_rad: Array = field(default_factory=lambda: np.empty(0))
+    clearance_m: dict[str, float] = field(default_factory=dict)
     home_time: float | None = None
     wall_clock: dict[str, float] = field(default_factory=dict)
     start: dict[str, Array] = field(default_factory=dict)

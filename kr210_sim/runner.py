@@ -18,6 +18,7 @@ import numpy as np
 import ik
 from kr210_sim import __version__, sampling
 from kr210_sim.config import EPISODE_CYCLES, RunConfig
+from kr210_sim.criteria import CLEARANCE_FREE
 from kr210_sim.cycle import CycleSetup, Probe, run_cycle
 from kr210_sim.exceptions import BadInput
 from kr210_sim.loading import load_robot
@@ -143,6 +144,7 @@ def run_episode(
     mass: float,
     limits: MotionLimits,
     solver: Solver | None = None,
+    clearance: float = CLEARANCE_FREE,
     probe: Probe | None = None,
 ) -> Iterator[CycleScore]:
     """Run the cycles of one episode, yielding each score as it is finished.
@@ -164,6 +166,7 @@ def run_episode(
             seed=episode.seeds[index],
             limits=limits,
             solver=solver,
+            clearance=clearance,
         )
         record = run_cycle(simulation, target, setup, probe=probe)
         score = score_cycle(record, time_limit=scene.time_limit)
@@ -207,7 +210,12 @@ def run(
             targets = episode_targets(scene, episode, config.mass)
             try:
                 for score in run_episode(
-                    scene, episode, mass=config.mass, limits=limits, solver=solver
+                    scene,
+                    episode,
+                    mass=config.mass,
+                    limits=limits,
+                    solver=solver,
+                    clearance=config.clearance,
                 ):
                     finished.append(score)
                     on_cycle(score)
@@ -219,6 +227,7 @@ def run(
             scores,
             seed=config.seed,
             min_success=config.min_success,
+            clearance=config.clearance,
             limits=limits,
             notes=scene.notes,
             wall_time_s=time.perf_counter() - started,

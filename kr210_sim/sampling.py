@@ -9,7 +9,6 @@ from __future__ import annotations
 import importlib.util
 from collections.abc import Callable
 from dataclasses import dataclass
-from itertools import pairwise
 
 import numpy as np
 
@@ -46,8 +45,7 @@ class Query:
         q_from, q_to: (6,) [rad], both free.
         lower, upper: (6,) joint limits [rad].
         velocity: (6,) velocity limits [rad/s]; distances are times at these.
-        free: tells whether all configurations (N, 6) are free.
-        step: largest joint distance of configurations that a path is checked at [rad].
+        free: tells whether the polyline through configurations (N, 6) is free.
     """
 
     q_from: Array
@@ -56,11 +54,6 @@ class Query:
     upper: Array
     velocity: Array
     free: Callable[[Array], bool]
-    step: float
-
-    def joined(self, corners: Array, step: float | None = None) -> bool:
-        """Tell whether the straight joint lines through corners (N, 6) are free."""
-        return self.free(densified(corners, step or self.step))
 
     def seconds(self, corners: Array) -> Array:
         """Return the time of each line between corners (N, 6) at the velocity limits (N - 1,)."""
@@ -85,19 +78,10 @@ def sample_path(query: Query, rng: np.random.Generator, budget: Budget) -> Array
         budget.left -= share.left
         while share.left > 0:
             corners = _connect(query, margin, int(rng.integers(1, 2**31)), share)
-            if corners is not None and query.joined(corners):  # else it slipped between steps
+            if corners is not None and query.free(corners):  # else it slipped between steps
                 budget.left += share.left
                 return _improved(query, _shortcut(query, corners, rng), rng)
     return None
-
-
-def densified(corners: Array, step: float) -> Array:
-    """Return configurations (M, 6) along lines through corners (N, 6), at most `step` apart."""
-    pieces = [corners[:1]]
-    for q_from, q_to in pairwise(corners):
-        count = max(1, int(np.ceil(np.max(np.abs(q_to - q_from)) / step)))
-        pieces.append(q_from + np.linspace(0.0, 1.0, count + 1)[1:, None] * (q_to - q_from))
-    return np.concatenate(pieces)
 
 
 def _connect(query: Query, margin: float, seed: int, budget: Budget) -> Array | None:
@@ -163,7 +147,7 @@ def _shortcut(query: Query, corners: Array, rng: np.random.Generator) -> Array:
         ends = np.array(
             [[np.interp(t, times, corners[:, axis]) for axis in range(6)] for t in (first, last)]
         )
-        if query.joined(ends):
+        if query.free(ends):
             corners = np.concatenate([corners[:before], ends, corners[after:]])
     return corners
 
@@ -186,7 +170,7 @@ def _improved(query: Query, corners: Array, rng: np.random.Generator) -> Array:
         place = np.clip(place, query.lower, query.upper)
         before = _cost(query, corners[first - 1 : last + 2])
         for new in (ends, np.array([ends[0], place, ends[1]])):
-            if _cost(query, new) < before and query.joined(new):
+            if _cost(query, new) < before and query.free(new):
                 corners = np.concatenate([corners[:first], new[1:-1], corners[last + 1 :]])
                 break
     return corners

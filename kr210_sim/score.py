@@ -19,7 +19,7 @@ from kr210_sim.criteria import (
     SLIP_LIMIT,
     SPEED_RATIO_LIMIT,
 )
-from kr210_sim.record import MOTION_STAGES, STAGES, CycleRecord, Event
+from kr210_sim.record import FREE_STAGES, MOTION_STAGES, STAGES, CycleRecord, Event
 from kr210_sim.stats import spread
 
 _CARRYING = frozenset({"LIFT", "WITHDRAW", "MOVE_TO_PLACE", "LOWER"})
@@ -54,6 +54,12 @@ class CycleScore:
     record: CycleRecord
 
     @property
+    def min_clearance_m(self) -> float | None:
+        """Least clearance of the motions outside cell and place volume [m], None without a plan."""
+        found = self.record.clearance_m
+        return min((found[stage] for stage in FREE_STAGES & found.keys()), default=None)
+
+    @property
     def success(self) -> bool:
         """Whether all conditions hold and no event cut the cycle short."""
         return self.cause is None
@@ -82,6 +88,8 @@ class CycleScore:
             "grasp_slip_m": self.grasp_slip_m,
             "grasp_slip_rad": self.grasp_slip_rad,
             "place_offset_m": self.place_offset_m,
+            "min_clearance_m": self.min_clearance_m,
+            "clearance_m": record.clearance_m,
             "wall_clock": record.wall_clock,
         }
 

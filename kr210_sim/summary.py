@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
+from kr210_sim.criteria import CLEARANCE_CAP
 from kr210_sim.score import CycleScore
 from kr210_sim.stats import count_reasons, pooled, spread, success_interval
 from kr210_sim.trajectory import MotionLimits
@@ -19,6 +20,7 @@ def summarize(
     *,
     seed: int,
     min_success: float,
+    clearance: float,
     limits: MotionLimits,
     notes: Sequence[str],
     wall_time_s: float,
@@ -29,6 +31,7 @@ def summarize(
         scores: of the finished cycles, in order.
         seed: of the run.
         min_success: the gate.
+        clearance: asked for outside the cells [m].
         limits: the joint limits of every motion.
         notes: what a reader should know about the model.
         wall_time_s: of the whole run [s].
@@ -59,6 +62,8 @@ def summarize(
         "grasp_slip_m": _spread_known(scores, "grasp_slip_m"),
         "grasp_slip_rad": _spread_known(scores, "grasp_slip_rad"),
         "place_offset_m": _spread_known(scores, "place_offset_m"),
+        "clearance_m": clearance,
+        "min_clearance_m": _least([score.min_clearance_m for score in scores]),
         "ik_time_s": _spread_clock(scores, "ik_time_s"),
         "plan_time_s": _spread_clock(scores, "plan_time_s"),
         "wall_time_s": wall_time_s,
@@ -66,13 +71,21 @@ def summarize(
         "failures": count_reasons(
             [score.cause.reason if score.cause else None for score in scores]
         ),
-        "limits": {
-            "velocity_rad_s": limits.velocity.tolist(),
-            "acceleration_rad_s2": limits.acceleration.tolist(),
-            "jerk_rad_s3": limits.jerk.tolist(),
-        },
+        "limits": _limits(limits),
         "notes": list(notes),
     }
+
+
+def _limits(limits: MotionLimits) -> dict[str, list[float]]:
+    return {
+        "velocity_rad_s": limits.velocity.tolist(),
+        "acceleration_rad_s2": limits.acceleration.tolist(),
+        "jerk_rad_s3": limits.jerk.tolist(),
+    }
+
+
+def _least(values: Sequence[float | None]) -> float | None:
+    return min((value for value in values if value is not None), default=None)
 
 
 def _spread_known(scores: Sequence[CycleScore], name: str) -> dict[str, float | None]:
@@ -112,6 +125,10 @@ def _number(value: float | None, scale: float, digits: int) -> str:
     return "-" if value is None else f"{value * scale:.{digits}f}"
 
 
+def _clearance(value: float | None) -> str:
+    return f"over {1e3 * CLEARANCE_CAP:.0f}" if value == CLEARANCE_CAP else _number(value, 1e3, 1)
+
+
 def _exponent(value: float | None) -> str:
     return "-" if value is None else f"{value:.1e}"
 
@@ -131,6 +148,8 @@ def summary_text(summary: dict[str, Any]) -> str:
         f"offsets, max   IK {_exponent(summary['ik_offset_m']['max'])} m, tracking "
         f"{_number(summary['tracking_offset_m']['max'], 1e3, 2)} mm, grasp slip "
         f"{_number(summary['grasp_slip_m']['max'], 1e3, 2)} mm",
+        f"clearance      {_clearance(summary['min_clearance_m'])} mm at least between cell and bin "
+        f"({_number(summary['clearance_m'], 1e3, 0)} asked for)",
         f"limits         velocity {_degrees(summary['limits']['velocity_rad_s'])} deg/s",
         f"               acceleration {_degrees(summary['limits']['acceleration_rad_s2'])} deg/s^2",
         f"               jerk {_degrees(summary['limits']['jerk_rad_s3'])} deg/s^3",

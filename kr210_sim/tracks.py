@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from itertools import pairwise
+from itertools import pairwise, product
 from typing import TypeAlias
 
 import numpy as np
@@ -20,7 +20,7 @@ Solver: TypeAlias = Callable[[Array, Array], Array]
 """An IK that plugs in: f(T_base_palm (N, 4, 4), q_start (6,)) -> q (N, 6) [rad], NaN rows for no
 answer."""
 
-LINE_STEP = 0.01
+LINE_STEP = 0.02
 """Spacing of the poses solved along a straight line [m]; the spline between them is straight to
 micrometres."""
 
@@ -68,32 +68,43 @@ class TrackFinder:
         """Whether a solver is plugged in, so that options are better tried one by one."""
         return self._solver is not None
 
-    def find(self, polyline: tuple[Array, ...], anchor: int, q_start: Array) -> list[Track]:
-        """Return the tracks along a polyline.
+    def find(
+        self, polylines: Sequence[tuple[Array, ...]], anchor: int, q_start: Array
+    ) -> list[Track]:
+        """Return the tracks along each of some polylines.
 
         Args:
-            polyline: TCP poses (4, 4) of its corners, all of one orientation.
+            polylines: TCP poses (4, 4) of their corners, each of one orientation.
             anchor: the corner at which the analytic branches are counted.
             q_start: configuration (6,) from which a solver starts.
 
         Raises:
             CycleFailure: bad_ik, if a solver does not answer as agreed.
         """
-        parts = [line(a, b, LINE_STEP) for a, b in pairwise(polyline)]
-        joined = [parts[0]] + [part[1:] for part in parts[1:]]
-        knots = (0, *np.cumsum([len(part) - 1 for part in parts]).tolist())
-        T_base_palm = self._robot.tcp_to_palm(np.concatenate(joined))
-        self.poses += len(T_base_palm)
+        alike: dict[tuple[int, ...], list[Array]] = {}  # those of one shape are solved together
+        for polyline in polylines:
+            parts = [line(a, b, LINE_STEP) for a, b in pairwise(polyline)]
+            joined = [parts[0]] + [part[1:] for part in parts[1:]]
+            knots = (0, *np.cumsum([len(part) - 1 for part in parts]).tolist())
+            alike.setdefault(knots, []).append(np.concatenate(joined))
+        tracks = []
+        for knots, group in alike.items():
+            T_base_palm = self._robot.tcp_to_palm(np.stack(group))
+            self.poses += T_base_palm.shape[0] * T_base_palm.shape[1]
+            found = self._solve(T_base_palm, knots[anchor], q_start)
+            tracks += [Track(T_base_palm=T_base_palm[k], q=q, knots=knots) for k, q in found]
+        return tracks
+
+    def _solve(self, T_base_palm: Array, anchor: int, q_start: Array) -> list[tuple[int, Array]]:
+        """Return which polyline and what sequence (N, 6), for poses (K, N, 4, 4)."""
         started = time.perf_counter()
         if self._solver is None:
             branches = ik.inverse(self._robot.geometry, T_base_palm).q
             self.seconds += time.perf_counter() - started
-            found = self._follow(branches, knots[anchor])
-        else:
-            q = _answer(self._solver, T_base_palm, q_start)
-            self.seconds += time.perf_counter() - started
-            found = self._accept(q)
-        return [Track(T_base_palm=T_base_palm, q=q, knots=knots) for q in found]
+            return list(self._follow(branches, anchor))
+        answers = [_answer(self._solver, poses, q_start) for poses in T_base_palm]
+        self.seconds += time.perf_counter() - started
+        return [(k, q) for k, answer in enumerate(answers) for q in self._accept(answer)]
 
     def forget(self) -> None:
         """Forget what the polylines tried so far failed for."""
@@ -109,42 +120,47 @@ class TrackFinder:
             return CycleFailure("joint_limits", detail, stage=stage)
         return CycleFailure("unreachable", f"no IK answer reaches {where}", stage=stage)
 
-    def _follow(self, branches: Array, anchor: int) -> Iterator[Array]:
-        """Yield every continuous in-limit sequence (N, 6) through branches (N, 8, 6).
+    def _follow(self, branches: Array, anchor: int) -> Iterator[tuple[int, Array]]:
+        """Yield every continuous in-limit sequence (N, 6) through branches (K, N, 8, 6).
 
         From each branch at the anchor the nearest solution is taken step by step to both ends, so
         that a passage through the wrist singularity, where the wrist branches swap, stays smooth.
         """
-        if np.any(np.all(np.isnan(branches[:, :, 0]), axis=1)):
-            return
-        sequences = np.empty((branches.shape[1], len(branches), 6))
-        sequences[:, anchor] = branches[anchor]
-        for order in (range(anchor + 1, len(branches)), range(anchor - 1, -1, -1)):
-            previous = branches[anchor]
+        reached = ~np.any(np.all(np.isnan(branches[..., 0]), axis=2), axis=1)
+        steps = np.moveaxis(branches[reached], 1, 0)  # (N, K, 8, 6)
+        sequences = np.empty_like(steps)
+        sequences[anchor] = steps[anchor]
+        for order in (range(anchor + 1, len(steps)), range(anchor - 1, -1, -1)):
+            previous = steps[anchor]
             for index in order:
-                step = branches[index][None, :, :] - previous[:, None, :]
+                step = steps[index][:, None, :, :] - previous[:, :, None, :]
                 step -= _TURN * np.round(step / _TURN)
-                size = np.max(np.abs(step), axis=2)
-                nearest = np.argmin(np.where(np.isnan(size), np.inf, size), axis=1)
-                previous = previous + step[np.arange(len(previous)), nearest]
-                sequences[:, index] = previous
-        jump = np.max(np.abs(np.diff(sequences, axis=1)), axis=(1, 2))
-        if not np.any(jump <= BRANCH_JUMP):
+                size = np.max(np.abs(step), axis=3)
+                nearest = np.argmin(np.where(np.isnan(size), np.inf, size), axis=2)
+                step = np.take_along_axis(step, nearest[:, :, None, None], axis=2)
+                previous = previous + step[:, :, 0]
+                sequences[index] = previous
+        if not sequences.size:
+            return
+        jump = np.max(np.abs(np.diff(sequences, axis=0)), axis=(0, 3))
+        smooth = jump <= BRANCH_JUMP  # NaN compares false
+        if not np.all(np.any(smooth, axis=1)):
             self._problems.add("branch")
-        for sequence in sequences[jump <= BRANCH_JUMP]:  # NaN compares false
-            yield from self._turned(sequence)
+        polyline = np.flatnonzero(reached)
+        where = np.nonzero(smooth)
+        for k, q in zip(where[0], self._turned(sequences[:, *where]), strict=True):
+            yield from ((int(polyline[k]), turned) for turned in q)
 
-    def _turned(self, sequence: Array) -> Iterator[Array]:
-        """Yield the copies of a sequence (N, 6), shifted by whole turns, that hold the limits."""
-        low, high = np.min(sequence, axis=0), np.max(sequence, axis=0)
-        first = np.ceil((self._robot.lower - low) / _TURN - 1e-9)
-        last = np.floor((self._robot.upper - high) / _TURN + 1e-9)
+    def _turned(self, sequences: Array) -> Iterator[list[Array]]:
+        """Yield for each of the sequences (N, S, 6) its copies by whole turns within the limits."""
+        low, high = np.min(sequences, axis=0), np.max(sequences, axis=0)
+        first = np.ceil((self._robot.lower - low) / _TURN - 1e-9).astype(int)
+        last = np.floor((self._robot.upper - high) / _TURN + 1e-9).astype(int)
         if np.any(last < first):
             self._problems.add("limits")
-            return
-        axes = [np.arange(a, b + 1) for a, b in zip(first, last, strict=True)]
-        for turns in np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 6):
-            yield sequence + _TURN * turns
+        for index in range(sequences.shape[1]):
+            axes = (range(a, b + 1) for a, b in zip(first[index], last[index], strict=True))
+            yield [sequences[:, index] + _TURN * np.array(turns) for turns in product(*axes)]
 
     def _accept(self, q: Array) -> Iterator[Array]:
         """Yield a solver's answer (N, 6) if it is complete, continuous and within limits."""

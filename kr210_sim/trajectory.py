@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
 
@@ -18,14 +18,16 @@ JERK_TIME = 0.05
 """Time from zero to the acceleration limit at the jerk limit [s]."""
 
 _MARGIN = 1.0 - 1e-4  # share of the limits that is used, for what lies between the samples
-_GRID = 41  # points of a path at which its limits are estimated
-_SAMPLES = 200  # instants of a motion at which they are evaluated
+_GRID = 81  # points of a path at which its limits are estimated
+_INSTANTS = 5  # of each phase of constant jerk at which shapes are compared
+_SAMPLES = 2000  # instants of a motion at which its limits are evaluated
 _SPEEDS = np.geomspace(0.1, 1.0, 12)  # shares of the speed limit tried on a curved path
 _JERK_SHARES = (1.0, 0.7, 0.4)  # of the acceleration limit, to leave jerk to the curvature
 _LEAST = 0.05  # of the acceleration and jerk limits that a shape keeps on a tight curve
 _CHECK_RATE = 1000.0  # [Hz]
 _INSTANT = 1e-9  # [s]
 _OVERLAP_STEP = 1 / 250  # of overlaps, as a share of the time to accelerate to full speed
+_GLANCES = 24  # instants at which all overlaps are compared with the limits at once
 _SHARE = 0.75  # of a motion, at most, that overlaps the one before it
 _SHRINK = 0.8  # of an overlap that is not clear
 
@@ -111,15 +113,15 @@ class Trajectory:
 
     Attributes:
         paths: of the motions, in order; each begins where the one before ends.
-        starts: when each begins [s].
+        starts, ends: when each begins and ends [s].
         duration: of the whole [s].
     """
 
     def __init__(self, paths: Sequence[Path], laws: Sequence[TimeLaw], starts: Sequence[float]):
         self.paths, self._laws = tuple(paths), tuple(laws)
         self.starts = np.array(starts, dtype=float)
-        self._ends = self.starts + [law.duration for law in laws]
-        self.duration = float(self._ends[-1])
+        self.ends = self.starts + [law.duration for law in laws]
+        self.duration = float(self.ends[-1])
 
     @property
     def end(self) -> Array:
@@ -128,7 +130,7 @@ class Trajectory:
 
     def part_at(self, t: float) -> int:
         """Return which motion is under way at a time [s]; in an overlap, from its middle on."""
-        changes = (self._ends[:-1] + self.starts[1:]) / 2
+        changes = (self.ends[:-1] + self.starts[1:]) / 2
         return int(np.searchsorted(changes, t, side="right"))
 
     def __call__(self, t: Array) -> tuple[Array, Array, Array]:
@@ -186,11 +188,11 @@ def _around(times: Array) -> Array:
     return np.concatenate([times - _INSTANT, times + _INSTANT])
 
 
-def _usage(derivatives: Iterable[Array], limits: MotionLimits) -> tuple[float, float, float]:
-    bounds = (limits.velocity, limits.acceleration, limits.jerk)
-    v, a, j = (
-        float(np.max(np.abs(x) / bound)) for x, bound in zip(derivatives, bounds, strict=True)
-    )
+def _usage(
+    derivatives: Sequence[Array] | Array, limits: MotionLimits
+) -> tuple[float, float, float]:
+    bounds = np.stack([limits.velocity, limits.acceleration, limits.jerk])[:, None]
+    v, a, j = np.max(np.abs(derivatives) / bounds, axis=(1, 2)).tolist()
     return v, a, j
 
 
@@ -242,17 +244,41 @@ def _widest(
     grid = step * np.arange(most + 1)
     first = _along(paths[0], laws[0], laws[0].duration - grid[::-1])
     second = _along(paths[1], laws[1], grid)
-    count = most
-    while count > 0:
+    bound = most
+    for count in _hopeful(first[1:], second[1:], limits):
+        if count > bound:
+            continue
         # The second begins `count` steps before the first ends; compare them step by step.
         total = first[:, most - count :] + second[:, : count + 1]
         if max(_usage(total[1:], limits)) > 1.0 or not _smooth(paths, laws, count * step, limits):
-            count -= 1
-        elif not free(paths[0].start + total[0]):
-            count = int(count * _SHRINK)
-        else:
-            break
-    return count
+            continue
+        if free(paths[0].start + total[0]):
+            return count
+        bound = int(count * _SHRINK)
+    return 0
+
+
+def _hopeful(first: Array, second: Array, limits: MotionLimits) -> list[int]:
+    """Return the overlaps, longest first, that hold the limits at some instants at least.
+
+    Args:
+        first: (3, N, 6) derivatives of a motion in its last steps.
+        second: (3, N, 6) of the one after it, in its first steps.
+        limits: of the joints.
+    """
+    bounds = np.stack([limits.velocity, limits.acceleration, limits.jerk])[:, None]
+    most = first.shape[1] - 1
+    # All derivatives of all joints one below the other (18, N).
+    first, second = (
+        np.ascontiguousarray(np.moveaxis(x / bounds, 1, 2)).reshape(-1, most + 1)
+        for x in (first, second)
+    )
+    used = np.zeros(most + 1)  # at overlaps of most, most - 1, ... steps
+    for index in range(0, most + 1, most // _GLANCES + 1):
+        # Step `index` of the second meets step `most - count + index` of the first.
+        meeting = np.abs(first[:, index:] + second[:, index : index + 1])
+        np.maximum(used[: most - index + 1], np.max(meeting, axis=0), out=used[: most - index + 1])
+    return [count for count in range(most, 0, -1) if used[most - count] <= 1.0]
 
 
 def _smooth(
@@ -275,32 +301,100 @@ def _law(path: Path, limits: MotionLimits) -> TimeLaw:
     if path.length == 0.0:
         return TimeLaw(0.0, 1.0, 1.0, 1.0)
     grid = np.linspace(0.0, path.length, _GRID)
-    first, second, third = (np.abs(path(grid, order)) for order in (1, 2, 3))
+    derivatives = np.stack([path(grid, order) for order in (1, 2, 3)])
+    first, second, third = np.abs(derivatives)
     first = np.maximum(first, 1e-12)
     fastest, quickest, sharpest = (
         float(np.min(limit / first))
         for limit in (limits.velocity, limits.acceleration, limits.jerk)
     )
-    straight = np.max(second) * fastest**2 < 1e-9 * np.min(limits.acceleration)
-    shapes = []
-    for share in (1.0,) if straight else _SPEEDS:
-        v = share * fastest
-        most = float(np.min((limits.acceleration - second * v**2) / first))
-        for part in (1.0,) if straight else _JERK_SHARES:
-            a = part * max(most, _LEAST * quickest)
-            j = float(np.min((limits.jerk - third * v**3 - 3 * second * v * a) / first))
-            shapes.append((v, a, max(j, _LEAST * sharpest)))
-    best = min(shapes, key=lambda shape: _fitted(path, shape, limits, _SAMPLES).duration)
-    return _fitted(path, best, limits, 10 * _SAMPLES)
+    if np.max(second) * fastest**2 < 1e-9 * np.min(limits.acceleration):  # a straight line
+        v, a, j = fastest * _MARGIN, quickest * _MARGIN**2, sharpest * _MARGIN**3
+        return TimeLaw(path.length, v, a, j)
+    v_all = np.repeat(fastest * _SPEEDS, len(_JERK_SHARES))
+    speed = v_all[:, None, None]
+    most = np.min((limits.acceleration - second * speed**2) / first, axis=(1, 2))
+    a_all = np.tile(_JERK_SHARES, len(_SPEEDS)) * np.maximum(most, _LEAST * quickest)
+    rest = limits.jerk - third * speed**3 - 3 * second * speed * a_all[:, None, None]
+    j_all = np.maximum(np.min(rest / first, axis=(1, 2)), _LEAST * sharpest)
+    shapes = np.stack([v_all, a_all, j_all])
+    best = int(np.argmin(_durations(path.length, shapes, derivatives, limits)))
+    v, a, j = shapes[:, best].tolist()
+    return _fitted(path, (v, a, j), limits)
 
 
-def _fitted(
-    path: Path, shape: tuple[float, float, float], limits: MotionLimits, samples: int
-) -> TimeLaw:
+def _durations(length: float, shapes: Array, derivatives: Array, limits: MotionLimits) -> Array:
+    """Return how long laws within path limits take once they are scaled to the joint limits.
+
+    Args:
+        length: of the path [s].
+        shapes: (3, n) path limits V, A and J.
+        derivatives: (3, N, 6) of the path, evenly along it.
+        limits: of the joints.
+    """
+    phases = _phases(length, *shapes)
+    duration = np.sum(phases, axis=1)
+    s, ds, dds, ddds = _states(phases, shapes[2])
+    at = np.clip(s / length, 0.0, 1.0) * (derivatives.shape[1] - 1)
+    index = np.minimum(at.astype(np.int64), derivatives.shape[1] - 2)
+    share = (at - index)[..., None]
+    q1, q2, q3 = (1 - share) * derivatives[:, index] + share * derivatives[:, index + 1]
+    ds, dds, ddds = ds[..., None], dds[..., None], ddds[..., None]
+    stretch = np.zeros(len(duration))
+    for order, (x, bound) in enumerate(
+        (
+            (q1 * ds, limits.velocity),
+            (q1 * dds + q2 * ds**2, limits.acceleration),
+            (q1 * ddds + 3 * q2 * ds * dds + q3 * ds**3, limits.jerk),
+        ),
+        start=1,
+    ):
+        used = np.max(np.abs(x) / bound, axis=(1, 2))
+        stretch = np.maximum(stretch, used ** (1 / order))
+    return np.asarray(duration * stretch)
+
+
+def _phases(length: float, v: Array, a: Array, j: Array) -> Array:
+    """Return the durations (n, 7) of the phases of constant jerk, from rest to rest.
+
+    The closed form of what ruckig computes one by one, to compare many shapes [s].
+    """
+    # The peak speed, if the acceleration limit is reached and if not.
+    ramp = a / j
+    peak = a * (np.sqrt(ramp**2 + 4 * length / a) - ramp) / 2
+    peak = np.where(peak >= a * ramp, peak, j * (length / (2 * j)) ** (2 / 3))
+    peak = np.minimum(peak, v)
+    ramp = np.minimum(ramp, np.sqrt(peak / j))
+    hold = np.maximum(peak / (j * ramp) - ramp, 0.0)
+    cruise = np.maximum(length / peak - 2 * ramp - hold, 0.0)
+    return np.stack([ramp, hold, ramp, cruise, ramp, hold, ramp], axis=1)
+
+
+def _states(phases: Array, jerk: Array) -> tuple[Array, Array, Array, Array]:
+    """Return s and its derivatives (n, 7 m) at m instants in each phase, its ends included."""
+    t = phases[:, None] * np.linspace(0.0, 1.0, _INSTANTS)[:, None]
+    s, ds, dds = (np.zeros((len(jerk), 1)) for _ in range(3))
+    rows = []
+    for phase, sign in enumerate((1, 0, -1, 0, -1, 0, 1)):
+        x, ddds = t[:, :, phase], sign * jerk[:, None]
+        rows.append(
+            (
+                s + x * (ds + x * (dds / 2 + x * ddds / 6)),
+                ds + x * (dds + x * ddds / 2),
+                dds + x * ddds,
+                np.broadcast_to(ddds, x.shape),
+            )
+        )
+        s, ds, dds = (values[:, -1:] for values in rows[-1][:3])
+    s, ds, dds, ddds = (np.concatenate(values, axis=1) for values in zip(*rows, strict=True))
+    return s, ds, dds, ddds
+
+
+def _fitted(path: Path, shape: tuple[float, float, float], limits: MotionLimits) -> TimeLaw:
     """Return the law within (V, A, J), scaled in time until it touches its tightest limit."""
     v, a, j = shape
     law = TimeLaw(path.length, v, a, j)
-    t = np.concatenate([np.linspace(0.0, law.duration, samples), _around(law.changes)])
+    t = np.concatenate([np.linspace(0.0, law.duration, _SAMPLES), _around(law.changes)])
     used = _usage(_along(path, law, t)[1:], limits)
     stretch = max(share ** (1 / order) for order, share in enumerate(used, start=1)) / _MARGIN
     return TimeLaw(path.length, v / stretch, a / stretch**2, j / stretch**3)

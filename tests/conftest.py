@@ -7,10 +7,12 @@ import pickle
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
 import mujoco
+import numpy as np
 import pytest
 
 import kr210_sim.loading
@@ -119,6 +121,15 @@ def default_run(tmp_path_factory: pytest.TempPathFactory) -> Run:
     part.write_bytes(pickle.dumps(made))
     part.rename(done)
     return made
+
+
+def densified(corners: np.ndarray, step: float = 0.012) -> np.ndarray:
+    """Configurations (M, 6) along the polyline through corners (N, 6), at most `step` apart."""
+    pieces = [corners[:1]]
+    for q_from, q_to in pairwise(corners):
+        count = max(1, int(np.ceil(np.max(np.abs(q_to - q_from)) / step)))
+        pieces.append(q_from + np.linspace(0.0, 1.0, count + 1)[1:, None] * (q_to - q_from))
+    return np.concatenate(pieces)
 
 
 def standing_target(scene: Scene, cell: int, number: int = 0, mass: float = 1.0) -> Target:

@@ -43,6 +43,7 @@ BAD = [
     ("--robot", "nothing.xacro"), ("--robot", "."), ("--robot", ""),
     ("--mass", "-1"), ("--mass", "0"), ("--mass", "nan"), ("--mass", "inf"), ("--mass", "1e9"),
     ("--mass", "17"), ("--mass", "1e-300"), ("--mass", "heavy"),
+    ("--clearance", "-0.01"), ("--clearance", "0.11"), ("--clearance", "nan"),
     ("--speed", "0"), ("--speed", "1.5"), ("--speed", "-1"), ("--speed", "nan"),
     ("--cycles", "0"), ("--cycles", "-3"), ("--cycles", "x"), ("--cycles", "1.5"),
     ("--cycles", "99999999999999999999"),
@@ -225,8 +226,8 @@ def test_the_help_of_run_names_every_option_with_its_default(capsys):
     assert stop.value.code == 0
     text = capsys.readouterr().out
     for option in (
-        "--cycles", "--seed", "--scene", "--robot", "--cell", "--mass", "--speed", "--ik",
-        "--min-success", "--out", "--json", "--video", "--list-scenes",
+        "--cycles", "--seed", "--scene", "--robot", "--cell", "--mass", "--speed",
+        "--clearance", "--ik", "--min-success", "--out", "--json", "--video", "--list-scenes",
     ):  # fmt: skip
         assert option in text
     assert "(default: 10)" in text

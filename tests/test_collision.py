@@ -11,8 +11,9 @@ from conftest import standing_target
 
 import ik
 from kr210_sim.collision import MujocoOracle
+from kr210_sim.criteria import CLEARANCE_FREE
 from kr210_sim.cycle import _timed as timed_motion
-from kr210_sim.planning import CLEARANCE_FREE, CyclePlan, CyclePlanner, Hand, Leg
+from kr210_sim.planning import CyclePlan, CyclePlanner, Hand, Leg
 from kr210_sim.scene import ROBOT_PREFIX
 from kr210_sim.simulation import Simulation
 from kr210_sim.task import pick_options, place_options, release_point
@@ -121,7 +122,7 @@ def test_rounded_corners_keep_their_distance_at_instants_nobody_checked(
     for motion in plan.motions:
         trajectory = timed_motion(motion, oracle, limits).trajectory
         for corner, (before, after) in enumerate(pairwise(motion)):
-            begin, end = trajectory.starts[corner + 1], trajectory._ends[corner]
+            begin, end = trajectory.starts[corner + 1], trajectory.ends[corner]
             if end - begin < 1e-6:
                 continue
             corners += 1
@@ -144,7 +145,7 @@ def test_a_corner_that_is_blocked_is_not_rounded(plan, limits):
     for motion in plan.motions:
         asked.clear()
         trajectory = timed_motion(motion, Wall(), limits).trajectory
-        np.testing.assert_allclose(trajectory._ends[:-1], trajectory.starts[1:], atol=1e-9)
+        np.testing.assert_allclose(trajectory.ends[:-1], trajectory.starts[1:], atol=1e-9)
         allowed = {
             (after.hand, min(before.clearance, after.clearance))
             for before, after in pairwise(motion)
@@ -239,3 +240,67 @@ def test_a_target_in_the_bin_is_an_obstacle(oracle, world, scene, plan):
         verdicts.append(oracle.blocked(q, hand=Hand.HOLDING, clearance=CLEARANCE_FREE))
     assert verdicts[0] is None
     assert "target_0" in verdicts[1]
+
+
+# ---- whole paths ----------------------------------------------------------------------------
+
+
+def random_moves(count: int, seed: int):
+    """Yield pairs of configurations in and before the shelf."""
+    rng = np.random.default_rng(seed)
+    for _ in range(count):
+        q = rng.uniform([-0.6, 0.0, -0.6, -1, -1, -1], [0.6, 0.7, 0.3, 1, 1, 1])
+        yield np.stack([q, q + rng.normal(size=6) * [0.3, 0.2, 0.2, 0.5, 0.4, 0.5]])
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("hand", [Hand.RELEASED, Hand.HOLDING])
+def test_advancing_never_misses_what_a_dense_grid_finds(world, oracle, hand):
+    simulation, target = world
+    distances = Distances(simulation, target.name)
+    verdicts = []
+    for ends in random_moves(6, seed=51):
+        count = int(np.max(np.abs(ends[1] - ends[0])) / 0.004) + 2
+        dense = [
+            distances.least(q, holding=hand is Hand.HOLDING) for q in np.linspace(*ends, count)
+        ]
+        blocked = oracle.blocked(ends, hand=hand, clearance=CLEARANCE_FREE) is not None
+        verdicts.append(blocked)
+        assert blocked or min(dense) >= CLEARANCE_FREE
+        measured = oracle.least(ends, hand=hand)
+        assert min(dense) - 1e-6 <= max(measured, 0.05) + 4e-3 * blocked
+        if min(dense) < 0.05:  # Distances sees no farther
+            assert measured <= min(dense) + 3e-3
+            assert measured >= min(dense) - 4e-3
+    assert any(verdicts)
+    assert not all(verdicts)
+
+
+def test_the_answer_depends_on_the_path_not_on_how_many_points_draw_it(oracle):
+    for ends in random_moves(8, seed=52):
+        answers = [
+            oracle.blocked(np.linspace(*ends, count), hand=Hand.RELEASED, clearance=0.02) is None
+            for count in (2, 3, 50)
+        ]
+        if abs(oracle.least(ends, hand=Hand.RELEASED) - 0.02) > 5e-3:
+            assert len(set(answers)) == 1
+
+
+def test_a_free_move_takes_a_small_part_of_the_looks_of_a_grid(oracle, plan):
+    before = oracle.looks
+    for leg in legs_of(plan, "MOVE_HOME"):
+        q = np.stack([leg.path.start, leg.path.end])
+        assert oracle.blocked(q, hand=Hand.RELEASED, clearance=CLEARANCE_FREE) is None
+    assert oracle.looks - before < 80
+
+
+def test_boxes_that_mujocos_contacts_miss_are_seen(world, oracle, scene):
+    """Its box-box function reports no contact, or one that is too far, for many boxes apart."""
+    simulation, target = world
+    distances = Distances(simulation, target.name)
+    rng = np.random.default_rng(53)
+    for _ in range(40):
+        q = rng.uniform([-1.6, -0.4, -0.8, -1, -1, -1], [1.6, 0.9, 0.6, 1, 1, 1])
+        least = distances.least(q, holding=False)
+        if 0.0 < least < 0.05:
+            assert oracle.least(q[None], hand=Hand.RELEASED) == pytest.approx(least, abs=1e-5)

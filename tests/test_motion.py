@@ -52,13 +52,13 @@ def motions(planned, limits) -> list[TimedMotion]:
 
 def alone(trajectory, index: int) -> tuple[float, float]:
     """Return when the motion of one leg begins and ends to be the only one under way [s]."""
-    begin = trajectory._ends[index - 1] if index else 0.0
+    begin = trajectory.ends[index - 1] if index else 0.0
     last = index + 1 == len(trajectory.starts)
     return begin, trajectory.duration if last else trajectory.starts[index + 1]
 
 
 def overlaps(trajectory) -> np.ndarray:
-    return trajectory._ends[:-1] - trajectory.starts[1:]
+    return trajectory.ends[:-1] - trajectory.starts[1:]
 
 
 # ---- as planned -----------------------------------------------------------------------------
@@ -136,7 +136,7 @@ def test_rounded_corners_are_clear_asked_densely_and_again(planned, motions):
         trajectory = motion.trajectory
         for corner, (before, after) in enumerate(pairwise(legs)):
             count = 4 * int(overlaps(trajectory)[corner] * 1000) + 2
-            t = np.linspace(trajectory.starts[corner + 1], trajectory._ends[corner], count)
+            t = np.linspace(trajectory.starts[corner + 1], trajectory.ends[corner], count)
             q = trajectory(t)[0]
             clearance = min(before.clearance, after.clearance) - 1e-4
             assert oracle.blocked(q, hand=after.hand, clearance=clearance) is None

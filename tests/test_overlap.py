@@ -50,7 +50,7 @@ def onwards(robot) -> list[Path]:
 
 def overlaps(trajectory) -> np.ndarray:
     """Return for how long each two neighbours run at once [s]."""
-    return trajectory._ends[:-1] - trajectory.starts[1:]
+    return trajectory.ends[:-1] - trajectory.starts[1:]
 
 
 CHAINS = {
@@ -132,20 +132,20 @@ def test_motions_begin_in_order_and_no_three_run_at_once(chain):
     assert trajectory.starts[0] == 0.0
     assert np.all(overlaps(trajectory) >= -1e-9)
     assert np.all(np.diff(trajectory.starts) >= 0.0)
-    assert np.all(trajectory._ends[:-2] <= trajectory.starts[2:] + 1e-9)
+    assert np.all(trajectory.ends[:-2] <= trajectory.starts[2:] + 1e-9)
 
 
 def test_each_motion_takes_the_time_it_takes_alone(chain, limits):
     paths, trajectory = chain
     alone = np.array([time_path(path, limits).duration for path in paths])
-    np.testing.assert_allclose(trajectory._ends - trajectory.starts, alone)
+    np.testing.assert_allclose(trajectory.ends - trajectory.starts, alone)
     assert trajectory.duration == pytest.approx(alone.sum() - overlaps(trajectory).sum())
 
 
 def test_outside_the_overlaps_the_paths_are_run_exactly(chain):
     """Where a motion is alone, the arm is on its path, to rounding."""
     paths, trajectory = chain
-    ends, starts = trajectory._ends, trajectory.starts
+    ends, starts = trajectory.ends, trajectory.starts
     for index, (path, law) in enumerate(zip(paths, trajectory._laws, strict=True)):
         begin = ends[index - 1] if index else 0.0
         end = starts[index + 1] if index + 1 < len(paths) else trajectory.duration
@@ -190,7 +190,7 @@ def test_an_overlap_of_zero_was_forced_by_the_limits(chain, limits):
 
 def test_moves_of_different_joints_overlap_almost_wholly_but_never_three_at_once(robot, limits):
     trajectory = time_paths(crossing(robot), limits)
-    durations = trajectory._ends - trajectory.starts
+    durations = trajectory.ends - trajectory.starts
     first, second = overlaps(trajectory)
     assert first == pytest.approx(min(durations[0], 0.75 * durations[1]), abs=2e-3)
     assert second == pytest.approx(min(durations[1] - first, durations[2]), abs=2e-3)
@@ -276,6 +276,6 @@ def test_what_is_asked_about_a_corner_is_what_is_run_there_in_small_steps(robot,
     trajectory = time_paths(paths, limits, free)
     assert asked
     for corner, q in asked.items():
-        t = np.linspace(trajectory.starts[corner + 1], trajectory._ends[corner], len(q))
+        t = np.linspace(trajectory.starts[corner + 1], trajectory.ends[corner], len(q))
         np.testing.assert_allclose(trajectory(t)[0], q, atol=1e-9)
         assert np.max(np.abs(np.diff(q, axis=0))) < 0.012

@@ -93,7 +93,11 @@ def test_the_derivatives_are_those_of_the_path(robot, ends):
 
 
 def test_samples_are_close_together_and_include_both_ends(robot, ends):
-    for path in (Path.straight(*ends, robot.velocity), Path.through(bow(*ends), robot.velocity)):
+    """Also where the fastest joint changes on the way, and one turns back."""
+    hook = bow(*ends)
+    hook[:, 0] = ends[0, 0] + np.sin(np.linspace(0.0, 3.0, len(hook))) ** 3
+    paths = [Path.through(samples, robot.velocity) for samples in (bow(*ends), hook)]
+    for path in (Path.straight(*ends, robot.velocity), *paths):
         q = path.samples(0.012)
         assert np.max(np.abs(np.diff(q, axis=0))) <= 0.012
         np.testing.assert_array_equal(q[0], path.start)

@@ -7,12 +7,13 @@ from itertools import groupby, pairwise
 
 import numpy as np
 import pytest
+from conftest import densified
 
 import ik
+from kr210_sim.criteria import CLEARANCE_FREE
 from kr210_sim.exceptions import CycleFailure
 from kr210_sim.planning import (
     CLEARANCE_CELL,
-    CLEARANCE_FREE,
     MAX_TRIALS,
     STOPS,
     CyclePlan,
@@ -112,13 +113,13 @@ class Detour(Free):
         return None
 
 
-def plan_in(scene, oracle, cell=5, *, robot=None, solver=None, lift_target=0.0, shift_place=0.0):
+def plan_in(scene, oracle, cell=5, *, lift_target=0.0, shift_place=0.0, robot=None, **options):
     T_base_target = scene.stand_in_cell(cell, 0.25)
     T_base_target[2, 3] += lift_target
     place = scene.place
     release = release_point(place.T_base_place, place.half_size, place.kind, 0.25, [])
     release[2] += shift_place
-    return CyclePlanner(robot or scene.robot, oracle, solver).plan(
+    return CyclePlanner(robot or scene.robot, oracle, **options).plan(
         q_home=HOME,
         picks=pick_options(T_base_target, scene.cell(cell).T_base_cell),
         places=place_options(release),
@@ -255,7 +256,7 @@ def test_every_leg_is_checked_as_it_will_be_run(scene):
 
 
 @pytest.mark.parametrize("hand", [Hand.EMPTY, Hand.HOLDING, Hand.RELEASED])
-def test_a_detour_is_two_straight_legs_of_one_stage_checked_with_the_corner_between(scene, hand):
+def test_a_detour_is_two_straight_legs_of_one_stage_checked_on_both(scene, hand):
     """The direct way is closed; the question about the way taken covers both legs."""
     oracle = Detour(hand)
     plan = plan_in(scene, oracle)
@@ -265,20 +266,37 @@ def test_a_detour_is_two_straight_legs_of_one_stage_checked_with_the_corner_betw
     for leg in legs:
         chord = leg.path.end - leg.path.start
         np.testing.assert_allclose(along(leg), leg.path.start + FINE[:, None] * chord, atol=1e-9)
-    checked = oracle.passed
+    checked = densified(oracle.passed)
     for leg in legs:
         for q in along(leg, FINE[::20]):
             assert np.min(np.max(np.abs(checked - q), axis=1)) <= 0.012
-    inside = (legs[0].path.start + 2 * legs[0].path.end + legs[1].path.end) / 4
-    assert np.min(np.max(np.abs(checked - inside), axis=1)) <= 0.012
 
 
-def test_configurations_are_checked_at_most_12_mrad_apart_on_free_moves(scene):
+def test_the_question_about_a_line_follows_it_to_a_tenth_of_a_millimetre(scene, robot):
+    """The oracle is asked about straight pieces in joint space; the path is a curve in it."""
     oracle = Free()
-    plan_in(scene, oracle, cell=9)
-    for q, hand, _ in oracle.asked:
-        if hand in (Hand.EMPTY, Hand.RELEASED):
-            assert np.max(np.abs(np.diff(q, axis=0))) <= 0.012
+    plan = plan_in(scene, oracle, cell=9)
+    for leg in legs_of(plan):
+        asked = min((q for q, _, _ in oracle.asked), key=lambda q: gap(q, leg))
+        middles = robot.forward((asked[1:] + asked[:-1]) / 2)[:, :3, 3]
+        curve = robot.forward(along(leg, np.linspace(0.0, 1.0, 20001)))[:, :3, 3]
+        aside = [
+            np.min(np.linalg.norm(curve - p, axis=1)) for p in middles[:: len(middles) // 12 + 1]
+        ]
+        assert max(aside) < 1.5e-4, leg.stage
+
+
+def gap(q: np.ndarray, leg) -> float:
+    """Return how far the ends of some configurations are from those of a leg [rad]."""
+    return float(np.max(np.abs(np.stack([q[0] - leg.path.start, q[-1] - leg.path.end]))))
+
+
+def test_the_clearance_asked_for_is_that_of_the_moves_outside_the_cells(scene):
+    oracle = Free()
+    plan = plan_in(scene, oracle, clearance=0.05)
+    for leg in legs_of(plan):
+        assert leg.clearance == (CLEARANCE_CELL if leg.stage in NEAR else 0.05)
+    assert {clearance for _, _, clearance in oracle.asked} == {CLEARANCE_CELL, 0.05}
 
 
 @pytest.mark.parametrize("hand", [Hand.EMPTY, Hand.AROUND, Hand.HOLDING, Hand.RELEASED])

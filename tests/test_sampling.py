@@ -11,13 +11,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from conftest import densified, standing_target
 
-from kr210_sim import legs, planning, sampling
+from kr210_sim import planning, sampling
 from kr210_sim.collision import MujocoOracle
 from kr210_sim.config import RunConfig
+from kr210_sim.criteria import CLEARANCE_FREE
 from kr210_sim.exceptions import CycleFailure
 from kr210_sim.legs import (
-    CLEARANCE_FREE,
     CYCLE_CONFIGURATIONS,
     SAMPLED_CONFIGURATIONS,
     Blocked,
@@ -27,7 +28,7 @@ from kr210_sim.legs import (
 )
 from kr210_sim.planning import CyclePlanner
 from kr210_sim.runner import run
-from kr210_sim.sampling import Budget, Query, densified, sample_path
+from kr210_sim.sampling import Budget, Query, sample_path
 from kr210_sim.scene import build_scene, find_scene
 from kr210_sim.simulation import Simulation
 from kr210_sim.task import pick_options, place_options, release_point
@@ -55,7 +56,7 @@ class World:
 
     def blocked(self, q, *, hand, clearance):
         self.single += len(q) == 1
-        return None if hand is not self.hand or self.free(q) else "a wall"
+        return None if hand is not self.hand or self.free(densified(q)) else "a wall"
 
 
 def query_of(robot, free, q_to=AWAY) -> Query:
@@ -65,8 +66,7 @@ def query_of(robot, free, q_to=AWAY) -> Query:
         lower=robot.lower,
         upper=robot.upper,
         velocity=robot.velocity,
-        free=free,
-        step=0.012,
+        free=lambda corners: free(densified(corners)),
     )
 
 
@@ -149,7 +149,7 @@ def test_no_path_is_found_through_a_wall_and_the_budget_is_kept(robot):
 
 
 def wish(q_from=HOME, q_to=AWAY) -> Wanted:
-    return Wanted.move("MOVE_TO_PLACE", q_from, q_to, Hand.HOLDING)
+    return Wanted.move("MOVE_TO_PLACE", q_from, q_to, Hand.HOLDING, CLEARANCE_FREE)
 
 
 @needs_ompl
@@ -270,7 +270,6 @@ def test_the_obstacle_scenes_share_shelf_and_bin(obstacle_scene, scene):
 @needs_ompl
 @pytest.mark.slow
 def test_sampled_paths_keep_their_clearance_between_the_checks(obstacle_scene):
-    from conftest import standing_target
 
     for cell in (2, 6, 7):
         simulation = Simulation(obstacle_scene)
@@ -284,7 +283,7 @@ def test_sampled_paths_keep_their_clearance_between_the_checks(obstacle_scene):
             for leg in motion:
                 if leg.sampled:
                     q = leg.path.samples(0.002)
-                    near = oracle.blocked(q, hand=leg.hand, clearance=CLEARANCE_FREE - 0.001)
+                    near = oracle.blocked(q, hand=leg.hand, clearance=CLEARANCE_FREE)
                     assert near is None, (cell, leg.stage)
 
 
@@ -328,4 +327,3 @@ def test_a_scene_without_a_way_is_no_path_after_a_bounded_number_of_questions(
 
 def test_the_limits_on_effort_are_numbers_of_configurations():
     assert SAMPLED_CONFIGURATIONS < CYCLE_CONFIGURATIONS
-    assert legs.CHECK_STEP < sampling.TREE_STEP

@@ -24,7 +24,13 @@ KEYS = {
 def summary_of(limits):
     def make(scores, min_success=0.8):
         return summarize(
-            scores, seed=5, min_success=min_success, limits=limits, notes=(), wall_time_s=2.0
+            scores,
+            seed=5,
+            min_success=min_success,
+            clearance=0.02,
+            limits=limits,
+            notes=(),
+            wall_time_s=2.0,
         )
 
     return make

@@ -1,0 +1,79 @@
+"""Conservative advancement proves what is free, refuses what is not, and looks seldom."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from kr210_sim.advance import advance
+
+REACH = 2.0  # [m], of a point that every joint moves at most this far per radian
+
+
+class Field:
+    """A world in which distance is a function of q that changes by at most REACH per radian."""
+
+    def __init__(self, seed: int, clearance: float = 0.0, tolerance: float = 1e-3) -> None:
+        rng = np.random.default_rng(seed)
+        self.centers = rng.uniform(-1.5, 1.5, (60, 6))
+        self.clearance, self.tolerance, self.looks = clearance, tolerance, 0
+
+    def distance(self, q: np.ndarray) -> np.ndarray:
+        """Return the distance (...) at configurations (..., 6) [m]."""
+        apart = np.max(np.abs(q[..., None, :] - self.centers), axis=-1)
+        return REACH * (np.min(apart, axis=-1) - 0.58)
+
+    def look(self, q: np.ndarray) -> np.ndarray | None:
+        self.looks += len(q)
+        room = self.distance(q) - self.clearance
+        if np.any(room < self.tolerance):
+            return None
+        return np.broadcast_to(REACH / room[:, None, None], (len(q), 1, 6))
+
+
+def walks(count: int):
+    """Yield polylines of different lengths, some with points that repeat."""
+    rng = np.random.default_rng(31)
+    for index in range(count):
+        q = np.cumsum(rng.normal(size=(2 + index % 7, 6)) * 0.4, axis=0)
+        yield np.repeat(q, 1 + index % 3, axis=0)
+
+
+def test_it_never_calls_free_what_a_dense_grid_finds_too_near():
+    verdicts = []
+    for seed, q in enumerate(walks(150)):
+        field = Field(seed, clearance=0.05)
+        share = np.linspace(0.0, 1.0, 400)[:, None, None]
+        dense = field.distance((1 - share) * q[:-1] + share * q[1:])
+        free = advance(q, field.look)
+        verdicts.append(free)
+        if free:
+            assert np.min(dense) >= 0.05
+        else:
+            assert np.min(dense) < 0.05 + field.tolerance + 2e-2  # a grid misses a little
+    assert 20 < sum(verdicts) < 130
+
+
+def test_a_configuration_alone_is_a_path():
+    field = Field(1)
+    q = np.full((1, 6), 3.0)
+    assert advance(q, field.look)
+    assert not advance(field.centers[:1], field.look)
+
+
+@pytest.mark.parametrize("index", [0, 37, 100])
+def test_one_bad_configuration_among_equal_ones_is_found(index):
+    field = Field(2)
+    q = np.full((101, 6), 3.0)
+    q[index] = field.centers[0]
+    assert not advance(q, field.look)
+
+
+def test_what_is_far_from_everything_needs_few_looks_however_many_points_are_given():
+    looks = []
+    for count in (2, 2000):
+        field = Field(3)
+        q = np.linspace(np.full(6, 10.0), np.full(6, 11.0), count)
+        assert advance(q, field.look)
+        looks.append(field.looks)
+    assert max(looks) <= 4
