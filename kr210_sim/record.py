@@ -64,6 +64,7 @@ class CycleRecord:
         p_base_release: (3,) planned release point, or None without a plan.
         sampled_motions: stages whose path comes from the sampling planner.
         ik_offset_m, ik_offset_rad: (N,) offsets of all solved poses.
+        slowed_to: speed of the slowest motion over that which its joints allow.
         home_time: when the arm was back at home [s], or None.
         wall_clock: everything that depends on the machine's clock [s].
         start: joint name -> its part of `qpos` at the beginning of the cycle, in order of `qpos`.
@@ -81,6 +82,7 @@ class CycleRecord:
     sampled_motions: tuple[str, ...] = ()
     ik_offset_m: Array = field(default_factory=lambda: np.empty(0))
     ik_offset_rad: Array = field(default_factory=lambda: np.empty(0))
+    slowed_to: float | None = None
     home_time: float | None = None
     wall_clock: dict[str, float] = field(default_factory=dict)
     start: dict[str, Array] = field(default_factory=dict)

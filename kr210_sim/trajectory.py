@@ -59,6 +59,14 @@ class MotionLimits:
             jerk=acceleration / JERK_TIME * speed**3,
         )
 
+    def scaled(self, share: float) -> MotionLimits:
+        """Return the limits under which the same motion takes 1 / share of the time."""
+        return MotionLimits(
+            velocity=self.velocity * share,
+            acceleration=self.acceleration * share**2,
+            jerk=self.jerk * share**3,
+        )
+
 
 class TimeLaw:
     """s(t) of one degree of freedom from rest to rest, s in [0, distance], by ruckig.
