@@ -218,7 +218,7 @@ def run(
         summary = summarize(
             scores,
             seed=config.seed,
-            min_success=config.min_success,
+            gates=config.gates(),
             limits=limits,
             notes=scene.notes,
             wall_time_s=time.perf_counter() - started,

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
+from kr210_sim.gates import Gates
 from kr210_sim.score import CycleScore
 from kr210_sim.stats import count_reasons, pooled, spread, success_interval
 from kr210_sim.trajectory import MotionLimits
@@ -18,7 +19,7 @@ def summarize(
     scores: Sequence[CycleScore],
     *,
     seed: int,
-    min_success: float,
+    gates: Gates,
     limits: MotionLimits,
     notes: Sequence[str],
     wall_time_s: float,
@@ -28,7 +29,7 @@ def summarize(
     Args:
         scores: of the finished cycles, in order.
         seed: of the run.
-        min_success: the gate.
+        gates: what the run must reach.
         limits: the joint limits of every motion.
         notes: what a reader should know about the model.
         wall_time_s: of the whole run [s].
@@ -39,19 +40,25 @@ def summarize(
     simulated = sum(
         float(score.record.series["time"][-1]) for score in scores if score.record.series
     )
+    cycle_time = spread([score.cycle_time_s or 0.0 for score in good], *_TIMES)
+    ik_offset = spread(pooled([score.ik_offset_m for score in scores]), *_OFFSETS)
+    judged = gates.judge(rate, ik_offset["max"], cycle_time["max"])
+    missed = [name for name, gate in judged.items() if not gate["met"]]
     return {
         "schema_version": 1,
         "cycles": len(scores),
         "succeeded": succeeded,
         "success_rate": rate,
         "ci95": list(success_interval(succeeded, len(scores))) if scores else None,
-        "min_success": min_success,
-        "passed": rate is not None and rate >= min_success,
+        "min_success": gates.min_success,
+        "gates": judged,
+        "gates_missed": missed,
+        "passed": not missed,
         "seed": seed,
-        "cycle_time_s": spread([score.cycle_time_s or 0.0 for score in good], *_TIMES),
+        "cycle_time_s": cycle_time,
         "motion_time_s": spread([score.motion_time_s or 0.0 for score in good], *_TIMES),
         "sampled_motions": sum(len(score.record.sampled_motions) for score in scores),
-        "ik_offset_m": spread(pooled([score.ik_offset_m for score in scores]), *_OFFSETS),
+        "ik_offset_m": ik_offset,
         "ik_offset_rad": spread(pooled([score.ik_offset_rad for score in scores]), *_OFFSETS),
         "tracking_offset_m": spread(
             pooled([score.tracking_offset_m for score in scores]), *_OFFSETS
@@ -66,12 +73,16 @@ def summarize(
         "failures": count_reasons(
             [score.cause.reason if score.cause else None for score in scores]
         ),
-        "limits": {
-            "velocity_rad_s": limits.velocity.tolist(),
-            "acceleration_rad_s2": limits.acceleration.tolist(),
-            "jerk_rad_s3": limits.jerk.tolist(),
-        },
+        "limits": _limits(limits),
         "notes": list(notes),
+    }
+
+
+def _limits(limits: MotionLimits) -> dict[str, list[float]]:
+    return {
+        "velocity_rad_s": limits.velocity.tolist(),
+        "acceleration_rad_s2": limits.acceleration.tolist(),
+        "jerk_rad_s3": limits.jerk.tolist(),
     }
 
 
@@ -122,7 +133,7 @@ def summary_text(summary: dict[str, Any]) -> str:
     if not cycles:
         return "no cycle was finished"
     low, high = summary["ci95"]
-    gate = "passed" if summary["passed"] else "FAILED"
+    gate = _verdict(summary["gates"]["min_success"])
     lines = [
         f"{succeeded} of {cycles} cycles succeeded ({100 * summary['success_rate']:.1f} %, 95 % "
         f"interval {100 * low:.1f} to {100 * high:.1f} %); gate {summary['min_success']:g}: {gate}",
@@ -131,6 +142,7 @@ def summary_text(summary: dict[str, Any]) -> str:
         f"offsets, max   IK {_exponent(summary['ik_offset_m']['max'])} m, tracking "
         f"{_number(summary['tracking_offset_m']['max'], 1e3, 2)} mm, grasp slip "
         f"{_number(summary['grasp_slip_m']['max'], 1e3, 2)} mm",
+        *_further_gates(summary["gates"]),
         f"limits         velocity {_degrees(summary['limits']['velocity_rad_s'])} deg/s",
         f"               acceleration {_degrees(summary['limits']['acceleration_rad_s2'])} deg/s^2",
         f"               jerk {_degrees(summary['limits']['jerk_rad_s3'])} deg/s^3",
@@ -143,6 +155,25 @@ def summary_text(summary: dict[str, Any]) -> str:
         counted = ", ".join(f"{reason} {count}" for reason, count in summary["failures"].items())
         lines.append(f"failures       {counted}")
     return "\n".join(lines)
+
+
+def _verdict(gate: dict[str, Any]) -> str:
+    return "passed" if gate["met"] else "FAILED"
+
+
+def _further_gates(gates: dict[str, Any]) -> list[str]:
+    """Return the lines of the gates beside the success rate."""
+    lines = []
+    for name, label, unit in (
+        ("max_ik_offset", "largest IK offset", "m"),
+        ("max_cycle_time", "longest cycle", "s"),
+    ):
+        if name in gates:
+            gate = gates[name]
+            value = "none" if gate["value"] is None else f"{gate['value']:.4g} {unit}"
+            limit = f"at most {gate['limit']:g} {unit}"
+            lines.append(f"gate           {label} {value}, {limit}: {_verdict(gate)}")
+    return lines
 
 
 def _degrees(values: Sequence[float]) -> str:

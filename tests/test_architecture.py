@@ -19,8 +19,8 @@ FILES = sorted(PACKAGE.glob("*.py"))
 NAMES = [path.stem for path in FILES]
 
 WITHOUT_MUJOCO = (
-    "arrays", "config", "criteria", "exceptions", "legs", "path", "planning", "record",
-    "resources", "sampling", "score", "stats", "summary", "task", "tcp_limits", "tracks",
+    "arrays", "compare", "config", "criteria", "exceptions", "gates", "legs", "path", "planning",
+    "record", "resources", "sampling", "score", "stats", "summary", "task", "tcp_limits", "tracks",
     "trajectory",
 )  # fmt: skip
 
