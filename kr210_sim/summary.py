@@ -41,7 +41,7 @@ def summarize(
         float(score.record.series["time"][-1]) for score in scores if score.record.series
     )
     cycle_time = spread([score.cycle_time_s or 0.0 for score in good], *_TIMES)
-    ik_offset = spread(pooled([score.ik_offset_m for score in scores]), *_OFFSETS)
+    ik_offset = _spread_pooled(scores, "ik_offset_m")
     judged = gates.judge(rate, ik_offset["max"], cycle_time["max"])
     missed = [name for name, gate in judged.items() if not gate["met"]]
     return {
@@ -58,11 +58,10 @@ def summarize(
         "cycle_time_s": cycle_time,
         "motion_time_s": spread([score.motion_time_s or 0.0 for score in good], *_TIMES),
         "sampled_motions": sum(len(score.record.sampled_motions) for score in scores),
+        "slowed": _slowed(scores),
         "ik_offset_m": ik_offset,
-        "ik_offset_rad": spread(pooled([score.ik_offset_rad for score in scores]), *_OFFSETS),
-        "tracking_offset_m": spread(
-            pooled([score.tracking_offset_m for score in scores]), *_OFFSETS
-        ),
+        "ik_offset_rad": _spread_pooled(scores, "ik_offset_rad"),
+        "tracking_offset_m": _spread_pooled(scores, "tracking_offset_m"),
         "grasp_slip_m": _spread_known(scores, "grasp_slip_m"),
         "grasp_slip_rad": _spread_known(scores, "grasp_slip_rad"),
         "place_offset_m": _spread_known(scores, "place_offset_m"),
@@ -78,12 +77,23 @@ def summarize(
     }
 
 
+def _slowed(scores: Sequence[CycleScore]) -> dict[str, float | None]:
+    """Return how many cycles a TCP limit slowed, and the least share of speed left."""
+    shares = [score.record.slowed_to for score in scores]
+    slowed = [share for share in shares if share is not None and share < 1.0]
+    return {"cycles": len(slowed), "least": min(slowed, default=None)}
+
+
 def _limits(limits: MotionLimits) -> dict[str, list[float]]:
     return {
         "velocity_rad_s": limits.velocity.tolist(),
         "acceleration_rad_s2": limits.acceleration.tolist(),
         "jerk_rad_s3": limits.jerk.tolist(),
     }
+
+
+def _spread_pooled(scores: Sequence[CycleScore], name: str) -> dict[str, float | None]:
+    return spread(pooled([getattr(score, name) for score in scores]), *_OFFSETS)
 
 
 def _spread_known(scores: Sequence[CycleScore], name: str) -> dict[str, float | None]:
@@ -151,6 +161,11 @@ def summary_text(summary: dict[str, Any]) -> str:
     ]
     if summary["sampled_motions"]:
         lines.append(f"sampled paths  {summary['sampled_motions']}")
+    if summary["slowed"]["cycles"]:
+        lines.append(
+            f"slowed         {summary['slowed']['cycles']} cycles by TCP limits, down to "
+            f"{summary['slowed']['least']:.2f} of the joints' speed"
+        )
     if summary["failures"]:
         counted = ", ".join(f"{reason} {count}" for reason, count in summary["failures"].items())
         lines.append(f"failures       {counted}")

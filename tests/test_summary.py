@@ -17,7 +17,7 @@ KEYS = {
     "cycles", "succeeded", "success_rate", "ci95", "passed", "seed", "cycle_time_s",
     "motion_time_s", "ik_offset_m", "ik_offset_rad", "tracking_offset_m", "grasp_slip_m",
     "grasp_slip_rad", "place_offset_m", "ik_time_s", "plan_time_s", "wall_time_s",
-    "realtime_factor", "failures", "limits", "gates", "gates_missed",
+    "realtime_factor", "failures", "limits", "gates", "gates_missed", "slowed",
 }  # fmt: skip
 
 
@@ -108,6 +108,18 @@ def test_a_figure_that_does_not_exist_misses_its_gate(summary_of, failed):
     assert summary["gates_missed"] == ["max_ik_offset", "max_cycle_time"]
     assert summary["gates"]["max_cycle_time"] == {"limit": 60.0, "value": None, "met": False}
     assert "longest cycle none" in summary_text(summary)
+
+
+def test_cycles_that_a_tcp_limit_slowed_are_counted_and_shown(summary_of, good_cycle, failed):
+    assert good_cycle.record.slowed_to == 1.0
+    summary = summary_of([good_cycle, failed("no_path")])
+    assert summary["slowed"] == {"cycles": 0, "least": None}
+    assert "slowed" not in summary_text(summary)
+    heavy = copy.deepcopy(good_cycle.record)
+    heavy.slowed_to = 0.625
+    summary = summary_of([good_cycle, score_cycle(heavy, time_limit=60.0)])
+    assert summary["slowed"] == {"cycles": 1, "least": 0.625}
+    assert "down to 0.62 of" in summary_text(summary)
 
 
 def test_times_are_those_of_successful_cycles_only(summary_of, good_cycle, failed):
