@@ -24,6 +24,11 @@ WALL_CLOCK = 1.00
 """The same for what the machine's clock says, which other load on it changes as well."""
 
 SCHEMA = 1
+_OUTWARD = (
+    "cycles", "out", "json", "video", "min_success", "max_ik_offset", "max_cycle_time",
+)  # fmt: skip
+"""Options of a run that change none of the figures compared."""
+
 _PAIRED_SHARE = 0.5  # of the smaller run's cycles that both must have for a paired test
 
 
@@ -128,7 +133,7 @@ def compare_runs(path_a: Path, path_b: Path) -> dict[str, Any]:
     rows_b = [b[key] for key in common] if paired else list(b.values())
     differences = [_success(rows_a, rows_b, paired)]
     differences += [_metric(metric, rows_a, rows_b, paired) for metric in METRICS]
-    notes = []
+    notes = _other_options(path_a, path_b)
     if len(a) != len(b):
         notes.append(f"A has {len(a)} cycles, B {len(b)}")
     if paired and len(common) < max(len(a), len(b)):
@@ -183,6 +188,23 @@ def _read(path: Path) -> Cycles:
     if not cycles:
         raise BadInput(f"{file}: no finished cycle in it; give a run that finished one")
     return cycles
+
+
+def _other_options(path_a: Path, path_b: Path) -> list[str]:
+    """Say which options the runs differ in; a difference of results may be theirs."""
+    files = [(path if path.is_dir() else path.parent) / "config.json" for path in (path_a, path_b)]
+    if not all(file.is_file() for file in files):
+        return []
+    found = [_parse(str(file), _text(file)) for file in files]
+    a, b = (config.get("options") if isinstance(config, dict) else None for config in found)
+    if not (isinstance(a, dict) and isinstance(b, dict)):
+        return []
+    names = [name for name in (*a, *sorted(set(b) - set(a))) if name not in _OUTWARD]
+    return [
+        f"--{name.replace('_', '-')} was {a.get(name)} for A, {b.get(name)} for B"
+        for name in names
+        if a.get(name) != b.get(name)
+    ]
 
 
 def _text(path: Path) -> str:

@@ -173,6 +173,18 @@ def test_runs_of_different_length_are_compared_on_what_both_have_and_it_is_said(
     assert "compared on the 7 cycles" in out
 
 
+def test_options_in_which_the_runs_differ_are_said(write, lines, capsys):
+    a, b = write("a", lines), write("b", lines)
+    for folder, mass in ((a, 1.0), (b, 10.0)):
+        options = {"mass": mass, "seed": 0, "out": str(folder), "min_success": mass / 10}
+        (folder / "config.json").write_text(json.dumps({"options": options}))
+    status, out, _ = status_of(capsys, a, b)
+    assert status == 0
+    assert [line for line in out.splitlines() if "note" in line] == [
+        "note: --mass was 1.0 for A, 10.0 for B"
+    ]
+
+
 def test_nothing_in_common_to_compare_is_said_and_is_no_number(write, lines, capsys):
     a, b = write("a", lines), write("b", failing(lines, 12))
     status, out, _ = status_of(capsys, a, b)
