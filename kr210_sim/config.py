@@ -9,6 +9,7 @@ from typing import Any
 
 from kr210_sim.criteria import CLEARANCE_CAP, CLEARANCE_FREE
 from kr210_sim.exceptions import BadInput
+from kr210_sim.gates import Gates
 from kr210_sim.source import RobotSource
 
 MAX_CYCLES = 1_000_000
@@ -58,6 +59,12 @@ class RunConfig:
     )
     ik: str = _option("analytic", "inverse kinematics to use: analytic or numeric", "NAME")
     min_success: float = _option(0.8, "success rate below which the exit status is 1", "F")
+    max_ik_offset: float | None = _option(
+        None, "largest end-effector offset of any solved pose [m] above which it is 1", "M"
+    )
+    max_cycle_time: float | None = _option(
+        None, "time of the slowest successful cycle [s] above which it is 1, too", "S"
+    )
     out: Path | None = _option(
         None, "folder of the results; default: runs/<time>-seed<S>; never overwritten", "DIR"
     )
@@ -89,6 +96,19 @@ class RunConfig:
             raise BadInput(f"--ik: no solver '{self.ik}'; give one of {', '.join(SOLVERS)}")
         if not 0 <= self.min_success <= 1:
             raise BadInput(f"--min-success: {self.min_success} is no rate; give 0 <= F <= 1")
+        for name, unit in (("max_ik_offset", "m"), ("max_cycle_time", "s")):
+            value = getattr(self, name)
+            if value is not None and not (math.isfinite(value) and value > 0):
+                option = "--" + name.replace("_", "-")
+                raise BadInput(f"{option}: {value} is no limit; give a number of {unit} above 0")
+
+    def gates(self) -> Gates:
+        """Return what the run must reach."""
+        return Gates(
+            min_success=self.min_success,
+            max_ik_offset=self.max_ik_offset,
+            max_cycle_time=self.max_cycle_time,
+        )
 
     def robot_source(self) -> RobotSource:
         """Return where the robot comes from.

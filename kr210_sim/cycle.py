@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 
 import mujoco
 import numpy as np
@@ -15,13 +15,16 @@ from kr210_sim.collision import MujocoOracle
 from kr210_sim.control import Controller
 from kr210_sim.criteria import CLEARANCE_FREE, HOME_SLACK, REST_TIME
 from kr210_sim.exceptions import CycleFailure
+from kr210_sim.legs import Hand
 from kr210_sim.monitor import Monitor
 from kr210_sim.offsets import ik_offsets
-from kr210_sim.planning import CyclePlanner, Motion
+from kr210_sim.planning import CyclePlan, CyclePlanner, Motion
 from kr210_sim.record import RECORD_STEP, CycleRecord, Event
+from kr210_sim.robot import Robot
 from kr210_sim.scene import Target
 from kr210_sim.simulation import Simulation
 from kr210_sim.task import pick_options, place_options, release_point
+from kr210_sim.tcp_limits import TcpLimits
 from kr210_sim.tracks import Solver
 from kr210_sim.trajectory import MotionLimits, Trajectory, time_paths
 
@@ -63,6 +66,7 @@ class CycleSetup:
         cycle, episode: for the record.
         seed: of everything that is left to chance, and for the record.
         limits: joint limits of every motion.
+        tcp_limits: Cartesian limits of every motion.
         solver: an IK that takes the place of the analytic one.
         clearance: kept to everything outside the cells [m].
     """
@@ -71,16 +75,24 @@ class CycleSetup:
     episode: int
     seed: int
     limits: MotionLimits
+    tcp_limits: TcpLimits = field(default_factory=TcpLimits)
     solver: Solver | None = None
     clearance: float = CLEARANCE_FREE
 
 
 @dataclass(frozen=True, kw_only=True)
 class TimedMotion:
-    """A motion from stop to stop: the stage of each of its legs, and the trajectory."""
+    """A motion from stop to stop.
+
+    Attributes:
+        stages: of each of its legs.
+        trajectory: in time.
+        slowed_to: share of the speed the joints allow that the TCP limits leave, at most 1.
+    """
 
     stages: tuple[str, ...]
     trajectory: Trajectory
+    slowed_to: float = 1.0
 
 
 class _Cycle:
@@ -289,33 +301,75 @@ def run_cycle(
 
 def _plan(cycle: _Cycle, record: CycleRecord) -> list[TimedMotion]:
     """Plan the cycle and note in the record what was asked and answered."""
-    simulation, target, scene = cycle.simulation, cycle.target, cycle.scene
     started = time.perf_counter()
-    oracle = MujocoOracle(simulation, scene, target)
-    setup = cycle.setup
-    planner = CyclePlanner(
-        scene.robot, oracle, setup.solver, seed=setup.seed, clearance=setup.clearance
-    )
-    place = scene.place
-    release = release_point(
-        place.T_base_place, place.half_size, place.kind, target.length, simulation.placed()
-    )
+    oracle = MujocoOracle(cycle.simulation, cycle.scene, cycle.target)
     try:
-        plan = planner.plan(
-            q_home=np.zeros(6),
-            picks=pick_options(target.T_base_target, scene.cell(target.cell).T_base_cell),
-            places=place_options(release),
-        )
-        motions = [_timed(motion, oracle, cycle.setup.limits) for motion in plan.motions]
+        plan, motions = plan_cycle(cycle.simulation, cycle.target, cycle.setup, oracle)
     finally:
         record.wall_clock["plan_time_s"] = time.perf_counter() - started
     record.wall_clock["ik_time_s"] = plan.seconds_per_pose
+    record.slowed_to = min(motion.slowed_to for motion in motions)
     record.p_base_release = plan.p_base_release
     record.sampled_motions = plan.sampled_motions
-    record.ik_offset_m, record.ik_offset_rad = ik_offsets(simulation, plan.solved)
+    record.ik_offset_m, record.ik_offset_rad = ik_offsets(cycle.simulation, plan.solved)
     for legs, motion in zip(plan.motions, motions, strict=True):
         record.clearance_m |= least_clearance(legs, motion.trajectory, oracle)
     return motions
+
+
+def plan_cycle(
+    simulation: Simulation,
+    target: Target,
+    setup: CycleSetup,
+    oracle: MujocoOracle,
+    p_base_release: Array | None = None,
+) -> tuple[CyclePlan, list[TimedMotion]]:
+    """Plan a pick and place from home to home, paths and their timing; nothing moves.
+
+    Args:
+        simulation: the world as it is now.
+        target: what to pick; it stands in a cell.
+        setup: limits and solver.
+        oracle: answers for clearance in this world.
+        p_base_release: (3,) where to release at the top of the place volume; by default where
+            the most room is.
+
+    Raises:
+        CycleFailure: unreachable, joint_limits, no_path or bad_ik.
+    """
+    scene = simulation.scene
+    if p_base_release is None:
+        place = scene.place
+        p_base_release = release_point(
+            place.T_base_place, place.half_size, place.kind, target.length, simulation.placed()
+        )
+    planner = CyclePlanner(
+        scene.robot, oracle, setup.solver, seed=setup.seed, clearance=setup.clearance
+    )
+    plan = planner.plan(
+        q_home=np.zeros(6),
+        picks=pick_options(target.T_base_target, scene.cell(target.cell).T_base_cell),
+        places=place_options(p_base_release),
+    )
+    return plan, [
+        _within_tcp_limits(motion, oracle, setup, scene.robot, target.mass)
+        for motion in plan.motions
+    ]
+
+
+def _within_tcp_limits(
+    motion: Motion, oracle: MujocoOracle, setup: CycleSetup, robot: Robot, mass: float
+) -> TimedMotion:
+    """Time a motion; one that would break a TCP limit is scaled in time until it does not."""
+    timed = _timed(motion, oracle, setup.limits)
+    held = mass if any(leg.hand in (Hand.LIFTING, Hand.HOLDING) for leg in motion) else None
+    try:
+        share = setup.tcp_limits.share(robot, timed.trajectory, held)
+    except ValueError as error:
+        raise CycleFailure("no_path", str(error), stage=motion[0].stage) from error
+    if share < 1.0:
+        timed = replace(_timed(motion, oracle, setup.limits.scaled(share)), slowed_to=share)
+    return timed
 
 
 def _timed(motion: Motion, oracle: MujocoOracle, limits: MotionLimits) -> TimedMotion:

@@ -20,6 +20,9 @@ all of the finger's are."""
 TCP_NAME = "tcp"
 """A link of this name, or one that ends in _tcp, is where the TCP is."""
 
+PAD_FRICTION = 1.0
+"""Sliding friction of a pad on a target; the pads' contact has priority over the target's own."""
+
 _ALIGNED = 1e-6  # [rad]
 
 

@@ -69,6 +69,7 @@ class CycleRecord:
         ik_offset_m, ik_offset_rad: (N,) offsets of all solved poses.
         clearance_m: stage -> least clearance of its motion as it was timed [m], at most
             `criteria.CLEARANCE_CAP`; empty without a plan.
+        slowed_to: speed of the slowest motion over that which its joints allow.
         home_time: when the arm was back at home [s], or None.
         wall_clock: everything that depends on the machine's clock [s].
         start: joint name -> its part of `qpos` at the beginning of the cycle, in order of `qpos`.
@@ -87,6 +88,7 @@ class CycleRecord:
     ik_offset_m: Array = field(default_factory=lambda: np.empty(0))
     ik_offset_rad: Array = field(default_factory=lambda: np.empty(0))
     clearance_m: dict[str, float] = field(default_factory=dict)
+    slowed_to: float | None = None
     home_time: float | None = None
     wall_clock: dict[str, float] = field(default_factory=dict)
     start: dict[str, Array] = field(default_factory=dict)

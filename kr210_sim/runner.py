@@ -226,7 +226,7 @@ def run(
         summary = summarize(
             scores,
             seed=config.seed,
-            min_success=config.min_success,
+            gates=config.gates(),
             clearance=config.clearance,
             limits=limits,
             notes=scene.notes,

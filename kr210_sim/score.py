@@ -82,6 +82,7 @@ class CycleScore:
             "cycle_time_s": self.cycle_time_s,
             "motion_time_s": self.motion_time_s,
             "sampled_motions": list(record.sampled_motions),
+            "slowed_to": record.slowed_to,
             "ik_offset_m": spread(self.ik_offset_m, "mean", "p99", "max"),
             "ik_offset_rad": spread(self.ik_offset_rad, "mean", "p99", "max"),
             "tracking_offset_m": spread(self.tracking_offset_m, "mean", "p99", "max"),

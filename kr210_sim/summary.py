@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from kr210_sim.criteria import CLEARANCE_CAP
+from kr210_sim.gates import Gates
 from kr210_sim.score import CycleScore
 from kr210_sim.stats import count_reasons, pooled, spread, success_interval
 from kr210_sim.trajectory import MotionLimits
@@ -19,7 +20,7 @@ def summarize(
     scores: Sequence[CycleScore],
     *,
     seed: int,
-    min_success: float,
+    gates: Gates,
     clearance: float,
     limits: MotionLimits,
     notes: Sequence[str],
@@ -30,7 +31,7 @@ def summarize(
     Args:
         scores: of the finished cycles, in order.
         seed: of the run.
-        min_success: the gate.
+        gates: what the run must reach.
         clearance: asked for outside the cells [m].
         limits: the joint limits of every motion.
         notes: what a reader should know about the model.
@@ -39,26 +40,28 @@ def summarize(
     succeeded = sum(score.success for score in scores)
     good = [score for score in scores if score.success]
     rate = succeeded / len(scores) if scores else None
-    simulated = sum(
-        float(score.record.series["time"][-1]) for score in scores if score.record.series
-    )
+    cycle_time = spread([score.cycle_time_s or 0.0 for score in good], *_TIMES)
+    ik_offset = _spread_pooled(scores, "ik_offset_m")
+    judged = gates.judge(rate, ik_offset["max"], cycle_time["max"])
+    missed = [name for name, gate in judged.items() if not gate["met"]]
     return {
         "schema_version": 1,
         "cycles": len(scores),
         "succeeded": succeeded,
         "success_rate": rate,
         "ci95": list(success_interval(succeeded, len(scores))) if scores else None,
-        "min_success": min_success,
-        "passed": rate is not None and rate >= min_success,
+        "min_success": gates.min_success,
+        "gates": judged,
+        "gates_missed": missed,
+        "passed": not missed,
         "seed": seed,
-        "cycle_time_s": spread([score.cycle_time_s or 0.0 for score in good], *_TIMES),
+        "cycle_time_s": cycle_time,
         "motion_time_s": spread([score.motion_time_s or 0.0 for score in good], *_TIMES),
         "sampled_motions": sum(len(score.record.sampled_motions) for score in scores),
-        "ik_offset_m": spread(pooled([score.ik_offset_m for score in scores]), *_OFFSETS),
-        "ik_offset_rad": spread(pooled([score.ik_offset_rad for score in scores]), *_OFFSETS),
-        "tracking_offset_m": spread(
-            pooled([score.tracking_offset_m for score in scores]), *_OFFSETS
-        ),
+        "slowed": _slowed(scores),
+        "ik_offset_m": ik_offset,
+        "ik_offset_rad": _spread_pooled(scores, "ik_offset_rad"),
+        "tracking_offset_m": _spread_pooled(scores, "tracking_offset_m"),
         "grasp_slip_m": _spread_known(scores, "grasp_slip_m"),
         "grasp_slip_rad": _spread_known(scores, "grasp_slip_rad"),
         "place_offset_m": _spread_known(scores, "place_offset_m"),
@@ -67,13 +70,26 @@ def summarize(
         "ik_time_s": _spread_clock(scores, "ik_time_s"),
         "plan_time_s": _spread_clock(scores, "plan_time_s"),
         "wall_time_s": wall_time_s,
-        "realtime_factor": simulated / wall_time_s if wall_time_s > 0 else None,
+        "realtime_factor": _simulated(scores) / wall_time_s if wall_time_s > 0 else None,
         "failures": count_reasons(
             [score.cause.reason if score.cause else None for score in scores]
         ),
         "limits": _limits(limits),
         "notes": list(notes),
     }
+
+
+def _simulated(scores: Sequence[CycleScore]) -> float:
+    """Return the time simulated [s]."""
+    series = (score.record.series for score in scores)
+    return sum(float(values["time"][-1]) for values in series if values)
+
+
+def _slowed(scores: Sequence[CycleScore]) -> dict[str, float | None]:
+    """Return how many cycles a TCP limit slowed, and the least share of speed left."""
+    shares = [score.record.slowed_to for score in scores]
+    slowed = [share for share in shares if share is not None and share < 1.0]
+    return {"cycles": len(slowed), "least": min(slowed, default=None)}
 
 
 def _limits(limits: MotionLimits) -> dict[str, list[float]]:
@@ -86,6 +102,10 @@ def _limits(limits: MotionLimits) -> dict[str, list[float]]:
 
 def _least(values: Sequence[float | None]) -> float | None:
     return min((value for value in values if value is not None), default=None)
+
+
+def _spread_pooled(scores: Sequence[CycleScore], name: str) -> dict[str, float | None]:
+    return spread(pooled([getattr(score, name) for score in scores]), *_OFFSETS)
 
 
 def _spread_known(scores: Sequence[CycleScore], name: str) -> dict[str, float | None]:
@@ -139,7 +159,7 @@ def summary_text(summary: dict[str, Any]) -> str:
     if not cycles:
         return "no cycle was finished"
     low, high = summary["ci95"]
-    gate = "passed" if summary["passed"] else "FAILED"
+    gate = _verdict(summary["gates"]["min_success"])
     lines = [
         f"{succeeded} of {cycles} cycles succeeded ({100 * summary['success_rate']:.1f} %, 95 % "
         f"interval {100 * low:.1f} to {100 * high:.1f} %); gate {summary['min_success']:g}: {gate}",
@@ -150,6 +170,7 @@ def summary_text(summary: dict[str, Any]) -> str:
         f"{_number(summary['grasp_slip_m']['max'], 1e3, 2)} mm",
         f"clearance      {_clearance(summary['min_clearance_m'])} mm at least between cell and bin "
         f"({_number(summary['clearance_m'], 1e3, 0)} asked for)",
+        *_further_gates(summary["gates"]),
         f"limits         velocity {_degrees(summary['limits']['velocity_rad_s'])} deg/s",
         f"               acceleration {_degrees(summary['limits']['acceleration_rad_s2'])} deg/s^2",
         f"               jerk {_degrees(summary['limits']['jerk_rad_s3'])} deg/s^3",
@@ -158,10 +179,34 @@ def summary_text(summary: dict[str, Any]) -> str:
     ]
     if summary["sampled_motions"]:
         lines.append(f"sampled paths  {summary['sampled_motions']}")
+    if summary["slowed"]["cycles"]:
+        lines.append(
+            f"slowed         {summary['slowed']['cycles']} cycles by TCP limits, down to "
+            f"{summary['slowed']['least']:.2f} of the joints' speed"
+        )
     if summary["failures"]:
         counted = ", ".join(f"{reason} {count}" for reason, count in summary["failures"].items())
         lines.append(f"failures       {counted}")
     return "\n".join(lines)
+
+
+def _verdict(gate: dict[str, Any]) -> str:
+    return "passed" if gate["met"] else "FAILED"
+
+
+def _further_gates(gates: dict[str, Any]) -> list[str]:
+    """Return the lines of the gates beside the success rate."""
+    lines = []
+    for name, label, unit in (
+        ("max_ik_offset", "largest IK offset", "m"),
+        ("max_cycle_time", "longest cycle", "s"),
+    ):
+        if name in gates:
+            gate = gates[name]
+            value = "none" if gate["value"] is None else f"{gate['value']:.4g} {unit}"
+            limit = f"at most {gate['limit']:g} {unit}"
+            lines.append(f"gate           {label} {value}, {limit}: {_verdict(gate)}")
+    return lines
 
 
 def _degrees(values: Sequence[float]) -> str:

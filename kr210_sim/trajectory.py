@@ -7,12 +7,11 @@ from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
-from ruckig import InputParameter, Result, Ruckig, RuckigError
-from ruckig import Trajectory as RuckigTrajectory
 
 from kr210_sim.arrays import Array
 from kr210_sim.path import Path
 from kr210_sim.robot import ACCELERATION_TIME
+from kr210_sim.time_law import TimeLaw
 
 JERK_TIME = 0.05
 """Time from zero to the acceleration limit at the jerk limit [s]."""
@@ -61,46 +60,12 @@ class MotionLimits:
             jerk=acceleration / JERK_TIME * speed**3,
         )
 
-
-class TimeLaw:
-    """s(t) of one degree of freedom from rest to rest, s in [0, distance], by ruckig.
-
-    Attributes:
-        duration: [s].
-        changes: times at which the jerk jumps (8,), the last at the end [s].
-    """
-
-    def __init__(self, distance: float, velocity: float, acceleration: float, jerk: float) -> None:
-        request = InputParameter(1)
-        request.current_position, request.target_position = [0.0], [distance]
-        request.max_velocity = [velocity]
-        request.max_acceleration = [acceleration]
-        request.max_jerk = [jerk]
-        law = RuckigTrajectory(1)
-        try:
-            result = Ruckig(1).calculate(request, law)
-        except RuckigError as error:
-            raise ValueError(f"ruckig finds no time law: {error}") from error
-        if result not in (Result.Working, Result.Finished):
-            raise ValueError(f"ruckig finds no time law: {result}")
-        profile = law.profiles[0][0]
-        self.duration = float(law.duration)
-        self.changes = np.concatenate([[0.0], np.cumsum(profile.t)])
-        self._starts = self.changes[:-1]
-        self._p, self._v, self._a = (np.array(x[:7]) for x in (profile.p, profile.v, profile.a))
-        self._j = np.array(profile.j)
-
-    def __call__(self, t: Array) -> tuple[Array, Array, Array, Array]:
-        """Return position, velocity, acceleration and jerk, each (N,), at times t (N,) [s]."""
-        t = np.clip(t, 0.0, self.duration)
-        phase = np.searchsorted(self._starts, t, side="right") - 1
-        dt = t - self._starts[phase]
-        p, v, a, j = (x[phase] for x in (self._p, self._v, self._a, self._j))
-        return (
-            p + dt * (v + dt * (a / 2 + dt * j / 6)),
-            v + dt * (a + dt * j / 2),
-            a + dt * j,
-            j,
+    def scaled(self, share: float) -> MotionLimits:
+        """Return the limits under which the same motion takes 1 / share of the time."""
+        return MotionLimits(
+            velocity=self.velocity * share,
+            acceleration=self.acceleration * share**2,
+            jerk=self.jerk * share**3,
         )
 
 

@@ -19,8 +19,9 @@ FILES = sorted(PACKAGE.glob("*.py"))
 NAMES = [path.stem for path in FILES]
 
 WITHOUT_MUJOCO = (
-    "arrays", "config", "criteria", "exceptions", "legs", "path", "planning", "record", "resources",
-    "sampling", "score", "stats", "summary", "task", "tracks", "trajectory",
+    "arrays", "compare", "config", "criteria", "exceptions", "gates", "legs", "path", "planning",
+    "record", "resources", "sampling", "score", "stats", "summary", "task", "tcp_limits",
+    "time_law", "tracks", "trajectory",
 )  # fmt: skip
 
 

@@ -19,3 +19,17 @@ def test_a_benchmark_starts(script, tmp_path):
     done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
     assert "usage" in done.stdout
+
+
+@pytest.mark.slow
+def test_the_motion_benchmark_compares_a_pair(tmp_path):
+    pytest.importorskip("toppra")
+    command = [sys.executable, str(FOLDER / "motion.py"), "--cycles", "0", "--pairs", "1"]
+    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    rows = [line.strip("| ").split(" | ") for line in done.stdout.splitlines()]
+    means = {row[0]: float(row[1]) for row in rows[2:6]}
+    assert means["(a) velocity bound, no acceleration limit"] < means["planned"]
+    assert means["(b) TOPP-RA, same path, v and a, no jerk limit"] < means["planned"]
+    assert means["(c) a stop at every pose, 0.2 of the limits"] > 5 * means["planned"]
+    assert "Not planned: 0" in done.stdout

@@ -38,6 +38,8 @@ def write_hasty_scene(folder: Path) -> str:
 
 BAD = [
     ("--min-success", "1.01"), ("--min-success", "-0.1"), ("--min-success", "nan"),
+    ("--max-ik-offset", "0"), ("--max-ik-offset", "nan"), ("--max-ik-offset", "-1"),
+    ("--max-cycle-time", "0"), ("--max-cycle-time", "inf"), ("--max-cycle-time", "soon"),
     ("--cell", "12"), ("--cell", "0"), ("--cell", "-1"), ("--cell", "1.5"), ("--cell", "middle"),
     ("--cell", "9" * 5000), ("--cell", "\u0665"),
     ("--robot", "nothing.xacro"), ("--robot", "."), ("--robot", ""),

@@ -8,6 +8,7 @@ import json
 import numpy as np
 import pytest
 
+from kr210_sim.gates import Gates
 from kr210_sim.record import CycleRecord, Event
 from kr210_sim.score import score_cycle
 from kr210_sim.summary import HEADER, cycle_line, summarize, summary_text
@@ -16,17 +17,17 @@ KEYS = {
     "cycles", "succeeded", "success_rate", "ci95", "passed", "seed", "cycle_time_s",
     "motion_time_s", "ik_offset_m", "ik_offset_rad", "tracking_offset_m", "grasp_slip_m",
     "grasp_slip_rad", "place_offset_m", "ik_time_s", "plan_time_s", "wall_time_s",
-    "realtime_factor", "failures", "limits",
+    "realtime_factor", "failures", "limits", "gates", "gates_missed", "slowed",
 }  # fmt: skip
 
 
 @pytest.fixture
 def summary_of(limits):
-    def make(scores, min_success=0.8):
+    def make(scores, min_success=0.8, **others):
         return summarize(
             scores,
             seed=5,
-            min_success=min_success,
+            gates=Gates(min_success=min_success, **others),
             clearance=0.02,
             limits=limits,
             notes=(),
@@ -76,6 +77,56 @@ def test_the_gate_is_passed_at_its_very_value(
     assert summary["success_rate"] == pytest.approx(good / (good + bad))
     low, high = summary["ci95"]
     assert low <= summary["success_rate"] <= high
+
+
+def test_the_longest_cycle_and_the_largest_offset_have_gates_of_their_own(summary_of, good_cycle):
+    time, offset = good_cycle.cycle_time_s, float(np.max(good_cycle.ik_offset_m))
+    for limits, missed in (
+        ({"max_cycle_time": time}, []),
+        ({"max_cycle_time": 0.999 * time}, ["max_cycle_time"]),
+        ({"max_ik_offset": offset}, []),
+        ({"max_ik_offset": 0.999 * offset}, ["max_ik_offset"]),
+        (
+            {"max_ik_offset": 0.5 * offset, "max_cycle_time": 0.5 * time},
+            ["max_ik_offset", "max_cycle_time"],
+        ),
+    ):
+        summary = summary_of([good_cycle] * 2, **limits)
+        assert summary["gates_missed"] == missed
+        assert summary["passed"] is (not missed)
+        assert set(summary["gates"]) == {"min_success", *limits}
+        text = summary_text(summary)
+        assert text.count("FAILED") == len(missed)
+        assert ("longest cycle" in text) == ("max_cycle_time" in limits)
+        assert f"{time:.4g} s" in text or "max_cycle_time" not in limits
+
+
+def test_the_slowest_cycle_decides_and_not_the_mean(summary_of, good_cycle):
+    slow = copy.deepcopy(good_cycle.record)
+    slow.home_time = 2 * good_cycle.cycle_time_s
+    scores = [good_cycle] * 9 + [score_cycle(slow, time_limit=60.0)]
+    summary = summary_of(scores, max_cycle_time=1.5 * good_cycle.cycle_time_s)
+    assert summary["cycle_time_s"]["mean"] < 1.5 * good_cycle.cycle_time_s
+    assert summary["gates_missed"] == ["max_cycle_time"]
+
+
+def test_a_figure_that_does_not_exist_misses_its_gate(summary_of, failed):
+    summary = summary_of([failed("no_path")], 0.0, max_ik_offset=1.0, max_cycle_time=60.0)
+    assert summary["gates_missed"] == ["max_ik_offset", "max_cycle_time"]
+    assert summary["gates"]["max_cycle_time"] == {"limit": 60.0, "value": None, "met": False}
+    assert "longest cycle none" in summary_text(summary)
+
+
+def test_cycles_that_a_tcp_limit_slowed_are_counted_and_shown(summary_of, good_cycle, failed):
+    assert good_cycle.record.slowed_to == 1.0
+    summary = summary_of([good_cycle, failed("no_path")])
+    assert summary["slowed"] == {"cycles": 0, "least": None}
+    assert "slowed" not in summary_text(summary)
+    heavy = copy.deepcopy(good_cycle.record)
+    heavy.slowed_to = 0.625
+    summary = summary_of([good_cycle, score_cycle(heavy, time_limit=60.0)])
+    assert summary["slowed"] == {"cycles": 1, "least": 0.625}
+    assert "down to 0.62 of" in summary_text(summary)
 
 
 def test_times_are_those_of_successful_cycles_only(summary_of, good_cycle, failed):
@@ -154,4 +205,8 @@ def test_the_text_says_the_rate_its_interval_and_the_gate(summary_of, good_cycle
     assert "10 of 10" in text
     assert "69.2 to 100.0 %" in text
     assert "passed" in text
-    assert "FAILED" in summary_text(summary_of([good_cycle] * 3, 1.0) | {"passed": False})
+    assert "FAILED" not in text
+
+
+def test_the_text_says_that_the_success_rate_failed(summary_of, good_cycle, failed):
+    assert "gate 0.8: FAILED" in summary_text(summary_of([good_cycle, failed("no_path")]))

@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 
 from kr210_sim.path import Path
-from kr210_sim.trajectory import MotionLimits, TimeLaw, time_path
+from kr210_sim.time_law import TimeLaw
+from kr210_sim.tracks import TrackFinder
+from kr210_sim.trajectory import MotionLimits, time_path, time_paths
 
 FINE = 1e-4  # [s], ten times finer than the grid on which the code checks itself
 SLACK = 1 + 1e-3  # between the points of that grid
@@ -149,3 +153,65 @@ def test_a_path_that_goes_nowhere_takes_no_time(robot, limits):
 
 def test_a_time_law_of_no_distance_takes_no_time():
     assert TimeLaw(0.0, 1.0, 1.0, 1.0).duration == 0.0
+
+
+# ---- chains of random waypoints under random limits -----------------------------------------
+
+
+def random_limits(robot, rng) -> MotionLimits:
+    """Return limits each drawn on its own, so that any joint and any order may be the tight one."""
+    full = MotionLimits.from_velocity(robot.velocity)
+    v, a, j = rng.uniform(0.4, 1.0, (3, 6))
+    return MotionLimits(
+        velocity=full.velocity * v, acceleration=full.acceleration * a, jerk=full.jerk * j
+    )
+
+
+@pytest.fixture(scope="module", params=range(3))
+def chain(request, robot):
+    """Return random waypoints, random limits, and the trajectory through straight joint lines."""
+    rng = np.random.default_rng([71, request.param])
+    waypoints = rng.uniform(robot.lower, robot.upper, (2 + min(request.param, 1), 6)) / 4
+    limits = random_limits(robot, rng)
+    paths = [Path.straight(a, b, limits.velocity) for a, b in pairwise(waypoints)]
+    return waypoints, limits, time_paths(paths, limits)
+
+
+def test_a_chain_begins_and_ends_at_rest_on_its_first_and_last_waypoint(chain):
+    waypoints, _, trajectory = chain
+    q, qd, qdd = trajectory(np.array([0.0, trajectory.duration]))
+    np.testing.assert_allclose(q, waypoints[[0, -1]], rtol=0.0, atol=1e-9)
+    np.testing.assert_allclose(qd, 0.0, atol=1e-6)
+    np.testing.assert_allclose(qdd, 0.0, atol=1e-4)
+
+
+def test_a_chain_holds_every_limit_at_every_millisecond(chain):
+    _, limits, trajectory = chain
+    t = np.append(np.arange(0.0, trajectory.duration, 1e-3), trajectory.duration)
+    derivatives = trajectory.derivatives(t)[1:]
+    for found, limit in zip(
+        derivatives, (limits.velocity, limits.acceleration, limits.jerk), strict=True
+    ):
+        assert np.max(np.abs(found) / limit) <= 1 + 1e-6
+
+
+@pytest.mark.parametrize("seed", range(2))
+def test_a_random_line_of_the_tcp_is_straight_under_random_limits(robot, seed):
+    rng = np.random.default_rng([72, seed])
+    tracks = []
+    while not tracks:
+        middle = robot.forward(rng.uniform(robot.lower / 2, robot.upper / 2))
+        direction = rng.normal(size=3)
+        ends = np.stack([middle, middle])
+        ends[:, :3, 3] += np.outer([-0.1, 0.1], direction / np.linalg.norm(direction))
+        tracks = TrackFinder(robot).find([tuple(ends)], anchor=0, q_start=np.zeros(6))
+    for track in tracks[:2]:
+        path = Path.through(track.q, robot.velocity)
+        trajectory = time_path(path, random_limits(robot, rng))
+        T = robot.forward(trajectory(np.linspace(0.0, trajectory.duration, 500))[0])
+        chord = (ends[1] - ends[0])[:3, 3] / 0.2
+        offset = T[:, :3, 3] - ends[0, :3, 3]
+        aside = offset - np.outer(offset @ chord, chord)
+        assert np.max(np.linalg.norm(aside, axis=1)) < 5e-4
+        np.testing.assert_allclose(T[[0, -1], :3, 3], ends[:, :3, 3], rtol=0.0, atol=1e-8)
+        assert np.max(np.abs(T[:, :3, :3] - middle[:3, :3])) < 1e-3
