@@ -48,8 +48,9 @@ WRIST_SLACK = np.radians(0.1)  # of a travel measured on samples
 
 @dataclass(frozen=True, kw_only=True)
 class Row:
-    """One planned cycle: times per motion [s], least clearance between cell and bin [m], and travel
-    of the joints (6,) [rad].
+    """One planned cycle.
+
+    Times per motion [s], least clearance between cell and bin [m], travel of the joints (6,) [rad].
     """
 
     name: str

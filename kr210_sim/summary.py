@@ -16,6 +16,10 @@ _OFFSETS = ("mean", "p99", "max")
 _SLIPS = ("mean", "p95", "max")
 
 
+_ONCE = ("grasp_slip_m", "grasp_slip_rad", "place_offset_m")
+"""Figures of which a cycle has one."""
+
+
 def summarize(
     scores: Sequence[CycleScore],
     *,
@@ -60,11 +64,8 @@ def summarize(
         "sampled_motions": sum(len(score.record.sampled_motions) for score in scores),
         "slowed": _slowed(scores),
         "ik_offset_m": ik_offset,
-        "ik_offset_rad": _spread_pooled(scores, "ik_offset_rad"),
-        "tracking_offset_m": _spread_pooled(scores, "tracking_offset_m"),
-        "grasp_slip_m": _spread_known(scores, "grasp_slip_m"),
-        "grasp_slip_rad": _spread_known(scores, "grasp_slip_rad"),
-        "place_offset_m": _spread_known(scores, "place_offset_m"),
+        **{name: _spread_pooled(scores, name) for name in ("ik_offset_rad", "tracking_offset_m")},
+        **{name: _spread_known(scores, name) for name in _ONCE},
         "clearance_m": clearance,
         "min_clearance_m": _least([score.min_clearance_m for score in scores]),
         "ik_time_s": _spread_clock(scores, "ik_time_s"),
