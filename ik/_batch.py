@@ -158,21 +158,14 @@ def _elbows(
         cos and sin of theta2 + theta3, (2, 2, n), and whether the wrist center is in reach,
         (2, n); if not, the angles are those of its nearest point that is.
     """
-    a1, d1, reach, inner, fold, K, C, bend, a, d = arm.constants.elbow
-    u = rho - a1
-    v = np.broadcast_to(wz - d1, u.shape)
-    D = np.sqrt(u * u + v * v)
-    folded = D <= SMALL
-    if folded.any():  # onto the shoulder, where any theta2 is right
-        u, v, D = np.where(folded, 0.0, u), np.where(folded, fold, v), np.where(folded, fold, D)
-    edge = np.minimum(np.maximum(D, fold), reach)
-    u, v = u * (edge / D), v * (edge / D)
-    D2 = edge * edge
-    S = np.sqrt((reach - edge) * (reach + edge) * (edge - inner) * (edge + inner))
+    _, _, reach, inner, _, K, C, bend, a, d = arm.constants.elbow
+    u, v, D, S, distance = _triangle(arm, rho, wz, reach, inner)
     nearest, farthest = arm.constants.plain_reach
-    close = (edge < nearest) | (edge > farthest)
+    reached = np.abs(distance - D) <= REACH_TOLERANCE * reach
+    close = reached & ((D < nearest) | (D > farthest))
     if close.any():
-        _sharpen(arm, c, S, close)
+        _sharpen(arm, c, close, (u, v, D, S))
+    D2 = D * D
     gamma = np.arctan2(S, D2 - C)
     A = D2 + K
     Au, Av, Su, Sv = A * u, A * v, S * u, S * v
@@ -190,30 +183,56 @@ def _elbows(
     np.subtract(u[:, None], x, out=x)
     z *= f
     z -= v[:, None]
-    reached = np.abs(D - edge) <= REACH_TOLERANCE * reach
     return d * x - a * z, d * z + a * x, reached
 
 
-def _sharpen(arm: Arm, c: FloatArray, S: FloatArray, close: BoolArray) -> None:
-    """Compute S again where the arm is all but stretched or folded, in extended precision.
+def _triangle(
+    arm: Arm, rho: FloatArray, wz: FloatArray, reach: float, inner: float
+) -> tuple[FloatArray, ...]:
+    """Relate the wrist center to axis 2 (step 3), and bend the triangle of the arm (step 4).
 
-    Its angle theta3 - there S / (2 L2 L3) - is the square root of what the wrist center is short of
-    the edge of reach, of which rounding each step from the pose to there leaves few digits.
+    Args:
+        arm: The arm.
+        rho: Signed distance of the wrist center from axis 1. Shape (2, n).
+        wz: Height of the wrist center. Shape (n,).
+        reach: L2 + L3.
+        inner: |L3 - L2|.
+
+    Returns:
+        u, v and D of the nearest point in reach, S, and D of the wrist center, each (2, n).
+    """
+    u = rho - arm.a1
+    v = np.broadcast_to(wz - arm.d1, u.shape)
+    D = distance = np.sqrt(u * u + v * v)
+    fold = max(inner, SMALL)
+    folded = D <= SMALL
+    if folded.any():  # onto the shoulder, where any theta2 is right
+        u, v, D = np.where(folded, 0.0, u), np.where(folded, fold, v), np.where(folded, fold, D)
+    edge = np.minimum(np.maximum(D, fold), reach)
+    u, v = u * (edge / D), v * (edge / D)
+    S = np.sqrt((reach - edge) * (reach + edge) * (edge - inner) * (edge + inner))
+    return u, v, edge, S, distance
+
+
+def _sharpen(arm: Arm, c: FloatArray, close: BoolArray, triangle: Sequence[FloatArray]) -> None:
+    """Compute the triangle again where it is all but flat, in extended precision.
+
+    Its angle - there S / (2 L2 L3) - is the square root of what the wrist center is short of the
+    edge of reach, of which rounding each step from the pose to there leaves few digits.
 
     Args:
         arm: The arm.
         c: Entries of the poses. Shape (16, n).
-        S: Corrected where close. Shape (2, n).
         close: Which to correct. Shape (2, n).
+        triangle: u, v, D and S, corrected where close. Shapes (2, n).
     """
     some = close.any(axis=0)
-    exact = np.longdouble
-    _, w = _wrist_pose(arm, c[:, some].astype(exact))
+    L2, L3 = np.longdouble(arm.L2), np.sqrt(np.longdouble(arm.d4) ** 2 + np.longdouble(arm.a3) ** 2)
+    _, w = _wrist_pose(arm, c[:, some].astype(np.longdouble))
     _, _, rho, _ = _shoulders(arm, w)
-    L2, L3 = exact(arm.L2), np.sqrt(exact(arm.d4) ** 2 + exact(arm.a3) ** 2)
-    D2 = (rho - exact(arm.a1)) ** 2 + (w[2] - exact(arm.d1)) ** 2
-    S2 = ((L2 + L3) ** 2 - D2) * (D2 - (L2 - L3) ** 2)
-    S[:, some] = np.where(close[:, some], np.sqrt(np.maximum(S2, 0.0)), S[:, some])
+    exact = _triangle(arm, rho, w[2], L2 + L3, abs(L3 - L2))[:4]
+    for rough, sharp in zip(triangle, exact, strict=True):
+        rough[:, some] = np.where(close[:, some], sharp, rough[:, some])
 
 
 def _wrists(

@@ -162,3 +162,23 @@ def test_a_lateral_offset_as_far_as_the_wrist_center():
             assert exists.all() == (away > -1e-11)
             back = ik.forward(arm, found.q.reshape(8, 6)[exists])
             assert np.abs(back - T).max(initial=0.0) < 1e-14 + max(0.0, -2 * away)
+
+
+def test_a_wrist_center_on_axis_2_is_out_of_reach_unless_the_arm_folds_onto_it():
+    T = turn_about(2, np.pi / 2)
+    T[:3, 3] = 0.35, 0.303, 0.75
+    for found in (ik.inverse(ARM, T), ik.inverse(ARM, T[None])):
+        assert found.valid.reshape(8).tolist() == [False] * 4 + [True] * 4
+
+
+@pytest.mark.skipif(np.finfo(np.longdouble).eps > 1e-18, reason="no extended precision here")
+@pytest.mark.parametrize("excess", [1e-15, 1e-12, 1e-9, 1e-6])
+def test_links_of_all_but_equal_length_fold_as_exactly(excess):
+    arm = ik.Arm(a1=0.3, d1=0.4, L2=1.0, a3=0.0, d4=1.0 + excess)
+    q = np.random.default_rng(3).uniform(-2.0, 2.0, (200, 6))
+    q[:, 2] = np.pi / 2 + 10.0 ** np.random.default_rng(4).uniform(-16, -2, 200)
+    T = ik.forward(arm, q)
+    found = ik.inverse(arm, T)
+    pose, branch = np.nonzero(found.valid)
+    assert np.isin(np.arange(200), pose).all()
+    assert np.abs(ik.forward(arm, found.q[pose, branch]) - T[pose]).max() < 2e-14
