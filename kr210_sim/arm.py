@@ -61,6 +61,8 @@ def isolate_arm(description: Description, choice: ArmChoice | None = None) -> De
         tip = choice.tip or _flange(where, robot, choice)
         _drop_below(robot, tip, notes)
         chain = chain_to(tip, robot.joints)
+        if sum(joint.type in _TURNING for joint in chain) < 6:
+            raise BadInput(f"--tip: '{tip}' is not beyond six revolute joints; name the flange")
         packages.allow(_mount(where, robot, tip, chain))
         notes.append(f"gripper: the bundled two-finger gripper is mounted on '{tip}'")
         own = finger_joints(robot.joints)

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import argparse
+import io
 import json
 import os
+import re
 import sys
 import traceback
 from collections.abc import Sequence
@@ -39,17 +41,23 @@ EXIT_PASSED, EXIT_GATE, EXIT_BAD_INPUT, EXIT_INTERNAL, EXIT_INTERRUPTED = 0, 1, 
 class _Parser(argparse.ArgumentParser):
     """Argument errors in one line, with exit status 2."""
 
+    def __init__(self, **options: Any) -> None:
+        super().__init__(**options)
+        # argparse of Python below 3.14 takes -1e-3 for an option
+        self._negative_number_matcher = re.compile(r"-(\d+\.?\d*|\.\d+)(e[-+]?\d+)?$", re.I)
+
     def error(self, message: str) -> NoReturn:
         raise BadInput(message.replace("argument ", "", 1))
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line; returns the exit status."""
+    _mend_streams()
     try:
         options = _parser().parse_args(argv)
         return int(options.verb(options))
     except BadInput as error:
-        print(f"kr210-sim: {' '.join(str(error).split())}", file=sys.stderr)
+        print(f"kr210-sim: {_one_line(str(error))}", file=sys.stderr)
         return EXIT_BAD_INPUT
     except KeyboardInterrupt:
         print("kr210-sim: interrupted; what is finished is kept", file=sys.stderr)
@@ -64,6 +72,21 @@ def main(argv: Sequence[str] | None = None) -> int:
         traceback.print_exc()
         print("kr210-sim: internal error, please report the lines above", file=sys.stderr)
         return EXIT_INTERNAL
+
+
+def _one_line(message: str) -> str:
+    """Return a message as one line; what quotes an endless name is cut in the middle."""
+    line = " ".join(message.split())
+    return line if len(line) <= 600 else f"{line[:250]} ... {line[-250:]}"
+
+
+def _mend_streams() -> None:
+    """Let output go nowhere if a stream is closed, and escape what its encoding does not have."""
+    for name in ("stdout", "stderr"):
+        if getattr(sys, name) is None:
+            setattr(sys, name, open(os.devnull, "w", encoding="utf-8"))
+        elif isinstance(stream := getattr(sys, name), io.TextIOWrapper):
+            stream.reconfigure(errors="backslashreplace")
 
 
 def _parser() -> argparse.ArgumentParser:
@@ -196,7 +219,9 @@ def _film(config: RunConfig) -> Any:
     from kr210_sim.video import film_run, find_gl
 
     target = Path(config.video) if config.video else None
-    if target is not None and (target.suffix != ".mp4" or not target.parent.is_dir()):
+    if target is not None and (
+        target.suffix != ".mp4" or not os.path.isdir(target.parent) or len(target.name) > 200
+    ):
         raise BadInput(f"--video: {target} must be a .mp4 in a folder that exists")
     backend = find_gl()
     return lambda out, path: film_run(out, path, backend=backend)

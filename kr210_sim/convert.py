@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -60,7 +61,7 @@ def convert(
         BadInput: naming file, field and remedy; nothing is written then.
         OSError: if something cannot be written.
     """
-    if out.exists() and (not out.is_dir() or any(out.iterdir())):
+    if os.path.exists(out) and (not out.is_dir() or any(out.iterdir())):
         raise BadInput(f"--out: {out} is not empty; name a folder that does not exist yet")
     model = load_robot(source)
     world = None if scene is None else build_scene(find_scene(scene), model.robot, model.spec)
@@ -70,7 +71,7 @@ def convert(
         raise BadInput(
             f"--out: {out} cannot be written ({error.strerror}); name another"
         ) from error
-    name = re.sub(r"\W+", "_", model.spec.modelname) or "robot"
+    name = re.sub(r"\W+", "_", model.spec.modelname, flags=re.ASCII)[:60].strip("_") or "robot"
     files = [f"{name}.xml" if name != "scene" else "robot.xml"]
     save_model(model.spec, out / files[0])
     notes = model.notes

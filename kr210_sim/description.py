@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import math
+import os
 import warnings
 import xml.etree.ElementTree as ET
 from collections.abc import Mapping
@@ -19,7 +20,7 @@ from kr210_sim.expand import expand_xacro
 from kr210_sim.inertials import repair_inertials
 from kr210_sim.packages import Packages
 from kr210_sim.safe_xml import read_xml
-from kr210_sim.urdf_tree import check_tree
+from kr210_sim.urdf_tree import check_tree, rename_world
 
 _JOINT_TYPES = {"fixed", "revolute", "continuous", "prismatic"}
 
@@ -58,7 +59,7 @@ def load_description(
     Raises:
         BadInput: if the file is missing, does not expand or parse, or is not a usable URDF.
     """
-    if not path.is_file():
+    if not os.path.isfile(path):  # Path.is_file raises for some impossible names
         raise BadInput(f"--robot: no file {path}; give the path of a .xacro or .urdf file")
     packages = packages or Packages(path)
     content = read_xml(path)
@@ -71,9 +72,11 @@ def load_description(
     if root.tag != "robot":
         raise BadInput(f"{path}: root element is <{root.tag}>; a URDF starts with <robot>")
     check_tree(str(path), root)
+    if renamed := rename_world(root):
+        content = ET.tostring(root)
     model = _parse(path, content)
     _check(path, model)
-    notes = repair_inertials(str(path), model, packages)
+    notes = (*renamed, *repair_inertials(str(path), model, packages))
     return Description(
         path=path, urdf_text=content.decode(), model=model, packages=packages, notes=notes
     )
@@ -138,7 +141,7 @@ def _check_limit(where: str, joint: Any) -> None:
         raise BadInput(f"{where}: <limit> is missing; give lower, upper, effort and velocity")
     effort = joint.limit.effort = joint.limit.effort or 0.0  # 0 is replaced when it is rated
     if not math.isfinite(effort) or effort < 0:
-        raise BadInput(f"{where}: limit effort is {effort}; give a positive number")
+        raise BadInput(f"{where}: limit effort is {effort}; give 0 or more, in N m or N")
     velocity = joint.limit.velocity
     follows = joint.mimic is not None
     if not follows and (velocity is None or not math.isfinite(velocity) or velocity <= 0):

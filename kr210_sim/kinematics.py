@@ -47,8 +47,8 @@ def read_pose(
     T[:3, 3] = _finite("--position", position)
     if quaternion:
         quat_xyzw = _finite("--quaternion", quaternion)
-        if np.linalg.norm(quat_xyzw) < 1e-6:
-            raise BadInput("--quaternion: is zero; give X Y Z W of a rotation")
+        if not 1e-6 < np.max(np.abs(quat_xyzw)) < 1e6:
+            raise BadInput("--quaternion: is zero or huge; give X Y Z W of about unit length")
         T[:3, :3] = Rotation.from_quat(quat_xyzw).as_matrix()
     elif rpy:
         T[:3, :3] = Rotation.from_euler("xyz", _finite("--rpy", rpy)).as_matrix()
@@ -65,11 +65,17 @@ def _finite(option: str, values: list[float]) -> Array:
 def _read_matrix(text: str) -> Array:
     try:
         content = text if text.lstrip().startswith("[") else Path(text).read_text(encoding="utf-8")
-        T = np.array(json.loads(content), dtype=float)
+        rows = json.loads(content)
+        if not all(type(number) in (int, float) for row in rows for number in row):
+            raise TypeError("it must hold numbers only")
+        T = np.array(rows, dtype=float)
         ik.check_poses(T)
     except OSError as error:
-        raise BadInput(f"--pose: {text} cannot be read ({error.strerror})") from error
-    except (ValueError, TypeError) as error:
+        raise BadInput(
+            f"--pose: '{text[:60]}' is no matrix [[...], ...], and no file that can be read "
+            f"({error.strerror})"
+        ) from error
+    except (ValueError, TypeError, RecursionError, OverflowError) as error:
         reason = " ".join(str(error).split())
         raise BadInput(f"--pose: no 4 x 4 rigid transform as JSON: {reason}") from error
     if T.shape != (4, 4):
@@ -144,7 +150,7 @@ def solve_text(report: dict[str, Any]) -> str:
             f"{name:<16}{angles}        {inside}{branch['configurations_within_limits']:>6}"
             f"   {branch['residual_m']:.1e}  {branch['residual_rad']:.1e}  {kind} {distance:.4f}"
         )
-    lines.append("turns: configurations within limits, whole turns of joints 1, 4 and 6 counted")
+    lines.append("turns: configurations within limits, whole turns counted")
     return "\n".join(lines)
 
 

@@ -6,7 +6,7 @@ import os
 import re
 from collections.abc import Mapping
 from pathlib import Path
-from urllib.parse import unquote, urlparse
+from urllib.parse import unquote
 
 from kr210_sim.exceptions import BadInput, MissingFile
 
@@ -45,7 +45,7 @@ class Packages:
         self.robot_file = Path(os.path.abspath(robot_file))
         self.named = {name: Path(os.path.abspath(path)) for name, path in (named or {}).items()}
         for name, folder in self.named.items():
-            if not folder.is_dir():
+            if not os.path.isdir(folder):  # Path.is_dir raises for some impossible names
                 raise BadInput(f"--package: {name}={folder} is no folder; give one that exists")
         if search is None:
             listed = os.environ.get("ROS_PACKAGE_PATH", "").split(os.pathsep)
@@ -119,7 +119,7 @@ class Packages:
             folder = self.find(name)
             return self.inside(folder / inner, filename, where=where, roots=(folder,))
         elif scheme == "file":
-            path = Path(unquote(urlparse(filename).path))
+            path = Path(unquote(rest))
         else:
             raise BadInput(
                 f"{where}: '{filename}' is of an unknown kind; use package://, model://, file:// "

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 from dataclasses import dataclass
 from pathlib import Path
@@ -140,7 +141,7 @@ def find_scene(name_or_path: str) -> Path:
     if name_or_path in list_scenes():
         return resource("scenes", f"{name_or_path}.xml")
     path = Path(name_or_path)
-    if path.is_file():
+    if os.path.isfile(path):  # Path.is_file raises for some impossible names
         return path
     known = ", ".join(list_scenes())
     raise BadInput(f"--scene: no scene or file '{name_or_path}'; bundled scenes: {known}")

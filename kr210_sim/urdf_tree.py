@@ -7,6 +7,28 @@ from collections.abc import Iterable
 
 from kr210_sim.exceptions import BadInput
 
+MAX_DEPTH = 100
+"""Links from the root to the farthest one; more than any robot has."""
+
+MAX_NAME = 200
+"""Characters of a name, which becomes part of a file's."""
+
+_WORLD = "world"
+"""What MuJoCo calls its own root."""
+
+
+def rename_world(robot: ET.Element) -> tuple[str, ...]:
+    """Give a link named like MuJoCo's root another name, in place; return what was changed."""
+    links = {link.get("name"): link for link in robot.findall("link")}
+    if _WORLD not in links:
+        return ()
+    new = next(name for n in range(len(links) + 1) if (name := f"world_{n or 'link'}") not in links)
+    links[_WORLD].set("name", new)
+    for end in (*robot.findall("joint/parent"), *robot.findall("joint/child")):
+        if end.get("link") == _WORLD:
+            end.set("link", new)
+    return (f"link '{_WORLD}' is called '{new}', because MuJoCo keeps that name for its own root",)
+
 
 def check_tree(where: str, robot: ET.Element) -> None:
     """Refuse a description whose links and joints are not one tree.
@@ -56,6 +78,12 @@ def _names(where: str, elements: Iterable[ET.Element]) -> dict[str, None]:
         name = element.get("name")
         if not name:
             raise BadInput(f"{where}: a <{element.tag}> has no name; give it one")
+        if not name.isprintable():
+            raise BadInput(f"{where}: {element.tag} {name!r} holds a control character; rename it")
+        if len(name) > MAX_NAME:
+            raise BadInput(
+                f"{where}: {element.tag} '{name[:40]}...' has too long a name; shorten it"
+            )
         if name in names:
             raise BadInput(f"{where}: {element.tag} '{name}' is defined twice; rename one")
         names[name] = None
@@ -70,6 +98,8 @@ def _check_no_loop(where: str, link: str, parent_of: dict[str, str]) -> None:
         if above in seen:
             raise BadInput(f"{where}: link '{above}' is part of a loop of joints; open it")
         seen.add(above)
+        if len(seen) > MAX_DEPTH:
+            raise BadInput(f"{where}: link '{link}' is more than {MAX_DEPTH} links deep; join some")
 
 
 def _check_mimics(where: str, joints: list[ET.Element]) -> None:

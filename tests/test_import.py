@@ -418,3 +418,14 @@ def test_dh_and_ik_read_any_robot_and_say_what_they_guessed(paths, capsys, verb)
     shown = capsys.readouterr()
     assert "mounted on 'r1_tool0'" in shown.err
     assert shown.out
+
+
+@pytest.mark.slow
+def test_a_root_called_world_gets_another_name_and_it_is_said(tmp_path):
+    path = turned_arm(tmp_path)
+    path.write_text(path.read_text().replace('"arm/pedestal"', '"world"'))
+    description = load_description(path)
+    assert description.model.base_link == "world_link"
+    assert any("'world'" in note for note in description.notes)
+    out = tmp_path / "out"
+    assert main(["convert", str(path), "--out", str(out), "--check"]) == 0

@@ -208,6 +208,23 @@ CASES: dict[str, tuple[Damage, str]] = {
     # the tree and its numbers
     "two roots": (urdf("</robot>", '<link name="stray"/></robot>'), "stray"),
     "a loop": (urdf('<child link="arm/a"/>', '<child link="arm/pedestal"/>'), "arm/"),
+    "a name with a control character": (
+        urdf('<link name="arm/b">', '<link name="a&#10;b">'),
+        "contr",
+    ),
+    "a name too long": (urdf('<link name="arm/b">', f'<link name="{"b" * 5000}">'), "long"),
+    "a chain too deep": (
+        urdf(
+            "</robot>",
+            "".join(
+                f'<link name="l{n}"/><joint name="f{n}" type="fixed"><parent link='
+                f'"{f"l{n - 1}" if n else "arm/pedestal"}"/><child link="l{n}"/></joint>'
+                for n in range(1500)
+            )
+            + "</robot>",
+        ),
+        "deep",
+    ),
     "a name used twice": (urdf('<link name="arm/b">', '<link name="arm/a">'), "arm/a"),
     "an impossible origin": (urdf('<origin xyz="0 -1.2 0"', '<origin xyz="0 nan 0"'), "arm/j3"),
     "an impossible mass": (urdf('<mass value="80"/>', '<mass value="-80"/>'), "arm/b"),
@@ -218,6 +235,11 @@ CASES: dict[str, tuple[Damage, str]] = {
     "no folder of a package": (option("--package", "a=/nowhere"), "--package"),
     "a package without a folder": (option("--package", "a"), "--package"),
     "an unknown tip": (option("--tip", "nothing", "--gripper"), "--tip"),
+    "a tip before the wrist": (option("--tip", "arm/a", "--gripper"), "--tip"),
+    "a path too long": (option("--scene", "s" * 5000), "--scene"),
+    "an output path too long": (option("--out", "o" * 5000), "--out"),
+    "a package path too long": (option("--package", "a=" + "p" * 5000), "--package"),
+    "a mesh address that is none": (collision("file://[::1/b.stl"), "b.stl"),
     "an unknown base": (option("--base", "nothing"), "--base"),
     "five joints": (option("--joints", "a,b,c,d,e"), "--joints"),
     "fingers that are not there": (option("--fingers", "a,b"), "--fingers"),
