@@ -237,7 +237,6 @@ CASES: dict[str, tuple[Damage, str]] = {
     "an unknown tip": (option("--tip", "nothing", "--gripper"), "--tip"),
     "a tip before the wrist": (option("--tip", "arm/a", "--gripper"), "--tip"),
     "a path too long": (option("--scene", "s" * 5000), "--scene"),
-    "an output path too long": (option("--out", "o" * 5000), "--out"),
     "a package path too long": (option("--package", "a=" + "p" * 5000), "--package"),
     "a mesh address that is none": (collision("file://[::1/b.stl"), "b.stl"),
     "an unknown base": (option("--base", "nothing"), "--base"),

@@ -38,3 +38,11 @@ def test_it_says_that_it_is_typed():
 def test_files_stay_short():
     for path in Path(ik.__file__).parent.glob("*.py"):
         assert len(path.read_text().splitlines()) < 400, path.name
+
+
+def test_the_example_of_the_readme_runs():
+    readme = Path(ik.__file__).with_name("README.md").read_text(encoding="utf-8")
+    example = readme.split("```python\n")[1].split("```")[0]
+    names: dict = {}
+    exec(example, names)
+    assert names["found"].in_limits.any(axis=1).all()
