@@ -10,6 +10,7 @@ from typing import Any
 from kr210_sim.criteria import CLEARANCE_CAP, CLEARANCE_FREE
 from kr210_sim.exceptions import BadInput
 from kr210_sim.gates import Gates
+from kr210_sim.randomize import Randomization, read_randomization
 from kr210_sim.source import RobotSource
 
 MAX_CYCLES = 1_000_000
@@ -57,6 +58,9 @@ class RunConfig:
     clearance: float = _option(
         CLEARANCE_FREE, "kept to everything outside the cells [m]; 0 to 0.1", "M"
     )
+    randomize: str | None = _option(
+        None, "what is random: course, nominal, hard, or a .toml or .json file", "PRESET|FILE"
+    )
     ik: str = _option("analytic", "inverse kinematics to use: analytic or numeric", "NAME")
     min_success: float = _option(0.8, "success rate below which the exit status is 1", "F")
     max_ik_offset: float | None = _option(
@@ -92,6 +96,7 @@ class RunConfig:
                 f"--clearance: {self.clearance} m is out of range; give 0 to {CLEARANCE_CAP:g}"
             )
         self.robot_source()
+        self._check_randomization()
         if self.ik not in SOLVERS:
             raise BadInput(f"--ik: no solver '{self.ik}'; give one of {', '.join(SOLVERS)}")
         if not 0 <= self.min_success <= 1:
@@ -126,6 +131,19 @@ class RunConfig:
             joints=self.joints,
             fingers=self.fingers,
         )
+
+    def randomization(self) -> Randomization | None:
+        """Return the randomisation block, None without one.
+
+        Raises:
+            BadInput: if it cannot be read, naming file, field and remedy.
+        """
+        return None if self.randomize is None else read_randomization(self.randomize)
+
+    def _check_randomization(self) -> None:
+        block = self.randomization()
+        if block is not None and "cell" in block.block and self.cell != "random":
+            raise block.refused("cell", f"--cell {self.cell} names it as well; leave one away")
 
     def as_json(self) -> dict[str, Any]:
         """Return the options as plain JSON values."""

@@ -37,9 +37,13 @@ class Controller:
     An actuator's force is kp (ctrl - q) - kv qd, so ctrl = q_des + (kv/kp) qd_des cancels the drag
     of the velocity term: the servo then follows without a speed-dependent lag. The desired state
     is sampled at the beginning of each step, not one step ahead.
+
+    Args:
+        simulation: the world; its present commands are where the first motion begins.
+        delay: by which commands reach the servos late [s], whole physics steps.
     """
 
-    def __init__(self, simulation: Simulation) -> None:
+    def __init__(self, simulation: Simulation, delay: float = 0.0) -> None:
         model, address = simulation.model, simulation.addresses
         self._robot = simulation.scene.robot
         self._step = float(model.opt.timestep)
@@ -57,6 +61,7 @@ class Controller:
         self._arm = Commands(ctrl=q, q=q, T_base_tcp=self._robot.forward(q))
         self._finger = np.array([simulation.data.ctrl[address.finger_ctrl]])
         self._arm_done = self._finger_done = 0
+        self._on_the_way = np.repeat(self._wanted(1), round(delay / self._step), axis=0)
 
     @property
     def moving(self) -> bool:
@@ -72,10 +77,15 @@ class Controller:
         self._arm = Commands(ctrl=q + self._lead * qd, q=q, T_base_tcp=self._robot.forward(q))
         self._arm_done = 0
 
-    def drive_fingers(self, position: float) -> None:
-        """Start moving the finger command to a joint position [m], jerk-limited."""
+    def drive_fingers(self, position: float, *, speed: float = 1.0) -> None:
+        """Start moving the finger command to a joint position [m], jerk-limited.
+
+        Args:
+            position: of the driven finger joint [m].
+            speed: share of the fingers' velocity limit.
+        """
         start = float(self._finger[min(self._finger_done, len(self._finger) - 1)])
-        velocity = self._robot.finger_velocity
+        velocity = speed * self._robot.finger_velocity
         acceleration = velocity / ACCELERATION_TIME * FINGER_QUICKNESS
         jerk = acceleration / JERK_TIME * FINGER_QUICKNESS
         law = TimeLaw(abs(position - start), velocity, acceleration, jerk)
@@ -84,12 +94,22 @@ class Controller:
         self._finger_done = 0
 
     def next(self, count: int) -> Commands:
-        """Return the commands of the next physics steps; a finished motion holds its end."""
+        """Return the commands of the next physics steps; a finished motion holds its end.
+
+        What the servos get, `ctrl`, is what was wanted the delay before.
+        """
+        wanted = np.concatenate([self._on_the_way, self._wanted(count)])
+        ctrl, self._on_the_way = wanted[:count], wanted[count:]
         arm = np.minimum(np.arange(count) + self._arm_done, len(self._arm.q) - 1)
-        finger = np.minimum(np.arange(count) + self._finger_done, len(self._finger) - 1)
         self._arm_done += count
         self._finger_done += count
+        return Commands(ctrl=ctrl, q=self._arm.q[arm], T_base_tcp=self._arm.T_base_tcp[arm])
+
+    def _wanted(self, count: int) -> Array:
+        """Return ctrl (count, nu) of the next physics steps, as if it arrived at once."""
+        arm = np.minimum(np.arange(count) + self._arm_done, len(self._arm.q) - 1)
+        finger = np.minimum(np.arange(count) + self._finger_done, len(self._finger) - 1)
         ctrl = np.zeros((count, self._nu))  # actuators of the scene's own stay at zero
         ctrl[:, self._arm_ctrl] = self._arm.ctrl[arm]
         ctrl[:, self._finger_ctrl] = self._finger[finger]
-        return Commands(ctrl=ctrl, q=self._arm.q[arm], T_base_tcp=self._arm.T_base_tcp[arm])
+        return ctrl

@@ -27,6 +27,7 @@ from kr210_sim.task import pick_options, place_options, release_point
 from kr210_sim.tcp_limits import TcpLimits
 from kr210_sim.tracks import Solver
 from kr210_sim.trajectory import MotionLimits, Trajectory, time_paths
+from kr210_sim.variation import Variation
 
 Probe = Callable[[Simulation, str, float], None]
 """Called before every record step with the simulation, the stage and the time [s]: tests disturb
@@ -39,10 +40,15 @@ ARRIVED = 2e-3
 """A motion has ended when every joint is this close to its end [rad]; a load that the controller
 does not know makes the arm sag a little."""
 
-GRIP_READY = 0.9
-"""Share of the grip force at which the lift may start."""
+GRIP_STEADY = 0.02
+"""The lift may start when both fingers have pressed for this long without losing contact [s]: jaws
+that have just struck the target bounce."""
 
-CLOSE_EARLY = 0.05
+CLOSE_SPEED = 0.9
+"""Share of the fingers' velocity limit at which they close: a target that stands nearer to one jaw
+is struck by it first, and the rebound is quicker than the command."""
+
+CLOSE_EARLY = 0.08
 """The fingers start to close this long before the arm stops around the target [s]."""
 
 FINGERS_FREE = 6e-3
@@ -69,6 +75,7 @@ class CycleSetup:
         tcp_limits: Cartesian limits of every motion.
         solver: an IK that takes the place of the analytic one.
         clearance: kept to everything outside the cells [m].
+        variation: what the planner and the controller do not know.
     """
 
     cycle: int
@@ -78,6 +85,7 @@ class CycleSetup:
     tcp_limits: TcpLimits = field(default_factory=TcpLimits)
     solver: Solver | None = None
     clearance: float = CLEARANCE_FREE
+    variation: Variation = field(default_factory=Variation)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -104,7 +112,7 @@ class _Cycle:
         self.simulation, self.target, self.setup, self.probe = simulation, target, setup, probe
         self.scene = simulation.scene
         self.monitor = Monitor(simulation)
-        self.controller = Controller(simulation)
+        self.controller = Controller(simulation, setup.variation.delay)
         self.stage = "MOVE_TO_PICK"
         self.closing = False
         self.home_time: float | None = None
@@ -180,15 +188,14 @@ class _Cycle:
         """Start closing, once."""
         if not self.closing:
             self.closing = True
-            self.controller.drive_fingers(self.scene.robot.finger_closed)
+            self.controller.drive_fingers(self.scene.robot.finger_closed, speed=CLOSE_SPEED)
 
     def grasp(self) -> None:
         """Close on the target until the grip force is there."""
         self.stage = "CLOSE_GRIPPER"
         self.close_gripper()
-        enough = GRIP_READY * self.scene.robot.grip_force / 2
         self.wait(
-            lambda: bool(np.min(self.monitor.force) >= enough),
+            lambda: self.monitor.pressing_for >= GRIP_STEADY,
             WAIT_LIMIT,
             CycleFailure("missed_grasp", "the fingers do not close on the target"),
         )
@@ -246,7 +253,7 @@ class _Stopped(Exception):
 def run_cycle(
     simulation: Simulation, target: Target, setup: CycleSetup, *, probe: Probe | None = None
 ) -> CycleRecord:
-    """Pick one target and place it in the bin; the robot starts at home, gripper open.
+    """Pick one target and place it in the bin; the robot starts at rest, gripper open.
 
     A cycle that cannot go on ends where it is: the record then holds the event that ended it.
 
@@ -256,7 +263,7 @@ def run_cycle(
         setup: identity and limits.
         probe: called before every record step.
     """
-    simulation.watch(target)
+    setup.variation.prepare(simulation, target)
     cycle = _Cycle(simulation, target, setup, probe)
     record = CycleRecord(
         cycle=setup.cycle,
@@ -264,6 +271,7 @@ def run_cycle(
         seed=setup.seed,
         cell=target.cell,
         target={"mass_kg": target.mass, "radius_m": target.radius, "length_m": target.length},
+        drawn=setup.variation.drawn,
         start=simulation.positions(),
     )
     started = time.perf_counter()
@@ -302,9 +310,10 @@ def run_cycle(
 def _plan(cycle: _Cycle, record: CycleRecord) -> list[TimedMotion]:
     """Plan the cycle and note in the record what was asked and answered."""
     started = time.perf_counter()
-    oracle = MujocoOracle(cycle.simulation, cycle.scene, cycle.target)
+    believed = cycle.setup.variation.believed(cycle.target, cycle.scene)
+    oracle = MujocoOracle(cycle.simulation, cycle.scene, believed)
     try:
-        plan, motions = plan_cycle(cycle.simulation, cycle.target, cycle.setup, oracle)
+        plan, motions = plan_cycle(cycle.simulation, believed, cycle.setup, oracle)
     finally:
         record.wall_clock["plan_time_s"] = time.perf_counter() - started
     record.wall_clock["ik_time_s"] = plan.seconds_per_pose
@@ -324,11 +333,11 @@ def plan_cycle(
     oracle: MujocoOracle,
     p_base_release: Array | None = None,
 ) -> tuple[CyclePlan, list[TimedMotion]]:
-    """Plan a pick and place from home to home, paths and their timing; nothing moves.
+    """Plan a pick and place that ends at home, paths and their timing; nothing moves.
 
     Args:
         simulation: the world as it is now.
-        target: what to pick; it stands in a cell.
+        target: what to pick, as it is believed to be; it stands in a cell.
         setup: limits and solver.
         oracle: answers for clearance in this world.
         p_base_release: (3,) where to release at the top of the place volume; by default where
@@ -348,6 +357,7 @@ def plan_cycle(
     )
     plan = planner.plan(
         q_home=np.zeros(6),
+        q_start=setup.variation.q_start,
         picks=pick_options(target.T_base_target, scene.cell(target.cell).T_base_cell),
         places=place_options(p_base_release),
     )

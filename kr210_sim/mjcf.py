@@ -23,6 +23,9 @@ SERVO_BANDWIDTH = 200.0
 FINGER_KP = 1e5  # [N/m]
 FINGER_ARMATURE = 10.0  # [kg], spindle and motor seen by the jaw
 
+PAD_PRIORITY = 2
+"""Contact priority of the pads: their friction and stiffness count, whatever they touch."""
+
 _PAD_FRICTION = (PAD_FRICTION, 0.005, 0.0001)  # sliding, torsional [m], rolling [m]
 _PAD_IMPEDANCE = (0.8, 0.95, 0.001, 0.5, 2.0)
 """MuJoCo's solimp of a pad: at first touch 0.8 instead of 0.9, the softness of a rubber facing.
@@ -203,7 +206,7 @@ def _grip_with_pads(spec: mujoco.MjSpec, robot: Robot) -> list[str]:
                 f"link '{finger}': no <collision> named '...{PAD_MARK}'; all of the finger grips"
             )
         for pad in pads:
-            pad.priority = 1
+            pad.priority = PAD_PRIORITY
             pad.condim = 4
             pad.friction = _PAD_FRICTION
             pad.solref = [2 * TIMESTEP, 1.0]

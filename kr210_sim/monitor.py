@@ -24,6 +24,9 @@ from kr210_sim.criteria import (
 from kr210_sim.record import STAGES, Event
 from kr210_sim.simulation import Simulation
 
+GRIP_READY = 0.9
+"""Share of the grip force from which a finger counts as pressing."""
+
 
 class Monitor:
     """Watches one target through one cycle.
@@ -35,6 +38,8 @@ class Monitor:
         force: (2,) latest contact force of the right and left finger [N].
         touching: (2,) whether they touched the target at the latest step.
         finger_position: (2,) latest finger joint positions [m].
+        pressing_for: how long both fingers have touched the target and pressed at the end of each
+            record step with the force that a grip has [s].
         q: (6,) latest arm configuration [rad].
     """
 
@@ -64,7 +69,8 @@ class Monitor:
         self.events: list[Event] = []
         self.lifted = False
         self.released = False
-        self.resting_for = 0.0
+        self.resting_for = self.pressing_for = 0.0
+        self._grip = GRIP_READY * robot.grip_force / 2
         self.force = np.zeros(2)
         self.touching = np.zeros(2, dtype=bool)
         self.q = np.array(simulation.data.sensordata[self._q])
@@ -99,7 +105,7 @@ class Monitor:
         tracking = np.linalg.norm(
             column["tcp_position"] - commands.T_base_tcp[: len(rows), :3, 3], axis=1
         )
-        self.force = np.array([np.linalg.norm(side[-1, 1:]) for side in (right, left)])
+        self._press(touch, right, left)
         self.touching, self.q = touch[-1], np.array(q[-1, :6])
         self.finger_position = np.array(rows[-1, self._fingers])
         clear = np.where(only_fingers, height, 0.0)
@@ -165,6 +171,14 @@ class Monitor:
             self.resting_for = (len(speed) - 1 - int(moving[-1])) * self._step
         else:
             self.resting_for += len(speed) * self._step
+
+    def _press(self, touch: NDArray[np.bool_], right: Array, left: Array) -> None:
+        """Take in contacts (n, 2) and the measured force of each finger, (n, 4)."""
+        self.force = np.array([np.linalg.norm(side[-1, 1:]) for side in (right, left)])
+        if touch.all() and bool(np.min(self.force) >= self._grip):
+            self.pressing_for += len(touch) * self._step
+        else:
+            self.pressing_for = 0.0
 
     def _foreign(self, count: Array) -> Iterator[_Breach]:
         """Yield the first contact that is not permitted."""

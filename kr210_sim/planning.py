@@ -58,6 +58,9 @@ _CHECKED = (
 """The legs of a combination in the order they are checked."""
 
 Option = TypeVar("Option", PickPoses, PlacePoses)
+Ends: TypeAlias = tuple[Array, Array]
+"""First and last configuration (6,) of a cycle [rad]."""
+
 Motion: TypeAlias = tuple[Leg, ...]
 """Legs from one stop to the next."""
 
@@ -129,22 +132,29 @@ class CyclePlanner:
         self._legs = LegFinder(robot, oracle, seed)
 
     def plan(
-        self, *, q_home: Array, picks: list[PickPoses], places: Iterator[list[PlacePoses]]
+        self,
+        *,
+        q_home: Array,
+        picks: list[PickPoses],
+        places: Iterator[list[PlacePoses]],
+        q_start: Array | None = None,
     ) -> CyclePlan:
-        """Plan a cycle from home to home.
+        """Plan a cycle that ends at home.
 
         Args:
-            q_home: (6,) [rad], first and last configuration.
+            q_home: (6,) [rad], last configuration.
             picks: ways to take the target, preferred first.
             places: ways to release it, in batches of falling preference.
+            q_start: (6,) [rad], first configuration; None for home.
 
         Raises:
             CycleFailure: unreachable, joint_limits, no_path or bad_ik.
         """
+        ends = (q_home if q_start is None else q_start, q_home)
         pick_tracks: list[Track] = []
         for batch in self._batches([picks]):
             corners = [(pick.pre_grasp, pick.grasp, pick.lift, pick.withdraw) for pick in batch]
-            pick_tracks += self._finder.find(corners, anchor=1, q_start=q_home)
+            pick_tracks += self._finder.find(corners, anchor=1, q_start=ends[0])
             if pick_tracks:
                 break
         if not pick_tracks:
@@ -159,7 +169,7 @@ class CyclePlanner:
             )
             if not place_tracks:
                 continue
-            outcome = self._combine(q_home, pick_tracks, place_tracks)
+            outcome = self._combine(ends, pick_tracks, place_tracks)
             if isinstance(outcome, CyclePlan):
                 return outcome
             blocked = _further(blocked, outcome)
@@ -182,9 +192,7 @@ class CyclePlanner:
     def _time(self, q_from: Array, q_to: Array) -> Array:
         return ik.joint_time(q_from, q_to, self._robot.velocity)
 
-    def _combine(
-        self, q_home: Array, picks: list[Track], places: list[Track]
-    ) -> CyclePlan | Blocked:
+    def _combine(self, ends: Ends, picks: list[Track], places: list[Track]) -> CyclePlan | Blocked:
         """Return the quickest free combination, or what blocked the one that got furthest."""
         pick_first = np.array([track.q[0] for track in picks])
         pick_last = np.array([track.q[-1] for track in picks])
@@ -192,16 +200,16 @@ class CyclePlanner:
         pick_lines = [np.sum(self._time(track.q[:-1], track.q[1:])) for track in picks]
         place_lines = [np.sum(self._time(track.q[:-1], track.q[1:])) for track in places]
         cost = (
-            (self._time(q_home, pick_first) + pick_lines)[:, None]
+            (self._time(ends[0], pick_first) + pick_lines)[:, None]
             + self._time(pick_last[:, None], place_first[None])
-            + (self._time(place_first, q_home) + 2 * np.array(place_lines))[None]
+            + (self._time(place_first, ends[1]) + 2 * np.array(place_lines))[None]
         )
         order = np.argsort(cost, axis=None, kind="stable")[:MAX_TRIALS]
         blocked: Blocked | None = None
         for sampling in (False, True):
             for pair in order:
                 i, j = divmod(int(pair), len(places))
-                outcome = self._legs_of(q_home, picks[i], places[j], sampling=sampling)
+                outcome = self._legs_of(ends, picks[i], places[j], sampling=sampling)
                 if not isinstance(outcome, Blocked):
                     return self._finish(outcome, picks[i], places[j])
                 blocked = _further(blocked, outcome)
@@ -209,19 +217,19 @@ class CyclePlanner:
         return blocked
 
     def _legs_of(
-        self, q_home: Array, pick: Track, place: Track, *, sampling: bool
+        self, ends: Ends, pick: Track, place: Track, *, sampling: bool
     ) -> list[Leg] | Blocked:
         """Return all legs of a combination, or what blocks the first that is blocked.
 
         Args:
-            q_home: (6,) where it begins and ends [rad].
+            ends: (6,) each, where it begins and where it ends [rad].
             pick: the way to take the target.
             place: the way to release it.
             sampling: whether blocked moves are sampled, once everything else is free.
         """
         legs: dict[str, list[Leg]] = {}
         waiting: list[Wanted] = []
-        for wanted in self._wishes(q_home, pick, place):
+        for wanted in self._wishes(ends, pick, place):
             answer = self._legs.find(wanted)
             if not isinstance(answer, Blocked):
                 legs[wanted.stage] = answer
@@ -236,7 +244,7 @@ class CyclePlanner:
             legs[wanted.stage] = answer
         return [leg for stage in STAGES for leg in legs.get(stage, ())]
 
-    def _wishes(self, q_home: Array, pick: Track, place: Track) -> tuple[Wanted, ...]:
+    def _wishes(self, ends: Ends, pick: Track, place: Track) -> tuple[Wanted, ...]:
         """Return the legs of a combination in the order of `_CHECKED`."""
         cell, free = CLEARANCE_CELL, self._clearance
 
@@ -244,13 +252,13 @@ class CyclePlanner:
             return Wanted(stage=stage, q=q, hand=hand, clearance=clearance)
 
         return (
-            Wanted.move("MOVE_TO_PICK", q_home, pick.q[0], Hand.EMPTY, free),
+            Wanted.move("MOVE_TO_PICK", ends[0], pick.q[0], Hand.EMPTY, free),
             line("APPROACH", pick.part(0), Hand.AROUND, cell),
             line("LIFT", pick.part(1), Hand.LIFTING, cell),
             line("WITHDRAW", pick.part(2), Hand.HOLDING, cell),
             line("LOWER", place.q, Hand.HOLDING, free),
             line("RETREAT", place.q[::-1], Hand.RELEASED, free),
-            Wanted.move("MOVE_HOME", place.q[0], q_home, Hand.RELEASED, free),
+            Wanted.move("MOVE_HOME", place.q[0], ends[1], Hand.RELEASED, free),
             Wanted.move("MOVE_TO_PLACE", pick.q[-1], place.q[0], Hand.HOLDING, free),
         )
 

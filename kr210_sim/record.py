@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -61,6 +62,7 @@ class CycleRecord:
         seed: of this cycle.
         cell: number of the cell the target stood in.
         target: mass [kg], radius and length [m] of the target.
+        drawn: quantity -> value of everything random about it, empty without randomisation.
         series: name -> (n, ...) array over record steps; `SERIES` explains each.
         events: in order of time; the first is the cause of a failure.
         final: name -> number at the end of the cycle; null where it was not reached.
@@ -80,6 +82,7 @@ class CycleRecord:
     seed: int
     cell: int
     target: dict[str, float]
+    drawn: dict[str, Any] = field(default_factory=dict)
     series: dict[str, Array] = field(default_factory=dict)
     events: list[Event] = field(default_factory=list)
     final: dict[str, float] = field(default_factory=dict)
@@ -129,6 +132,7 @@ def save_record(record: CycleRecord, path: Path) -> None:
     }
     arrays["stage_names"] = np.array(STAGES)
     arrays["joint_names"] = np.array(list(record.start))
+    arrays["drawn"] = np.array(json.dumps(record.drawn, allow_nan=False))
     arrays["joint_widths"] = np.array([len(values) for values in record.start.values()])
     path.parent.mkdir(parents=True, exist_ok=True)
     with path.open("wb") as file:

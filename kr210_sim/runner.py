@@ -24,6 +24,7 @@ from kr210_sim.exceptions import BadInput
 from kr210_sim.loading import load_robot
 from kr210_sim.mjcf_files import save_model
 from kr210_sim.playback import episode_world
+from kr210_sim.randomize import Randomization
 from kr210_sim.record import save_record
 from kr210_sim.robot import Robot
 from kr210_sim.scene import Scene, Target, build_scene, find_scene
@@ -32,6 +33,7 @@ from kr210_sim.simulation import Simulation
 from kr210_sim.summary import summarize
 from kr210_sim.tracks import Solver
 from kr210_sim.trajectory import MotionLimits
+from kr210_sim.variation import Variation, check_block, vary
 
 TARGET_LENGTH = 0.25  # [m]
 MAX_GRIP = 500.0  # [N], for the physics to stay honest
@@ -83,6 +85,8 @@ def load_world(config: RunConfig) -> Scene:
             f"--mass: {config.mass:g} kg is more than the grip holds; give at most "
             f"{robot.max_payload:.3g} kg (grip force over 15 N per kg and finger)"
         )
+    if (randomization := config.randomization()) is not None:
+        check_block(randomization, scene, TARGET_LENGTH)
     return scene
 
 
@@ -99,7 +103,7 @@ def plan_episodes(config: RunConfig, scene: Scene) -> Iterator[Episode]:
     One SeedSequence is spawned per episode and from there per cycle, so an episode depends on its
     own index only.
     """
-    everywhere = config.cell == "all"
+    everywhere, randomization = config.cell == "all", config.randomization()
     size = len(scene.cells) if everywhere else EPISODE_CYCLES
     count = math.ceil(config.cycles / size)
     for index, sequence in enumerate(np.random.SeedSequence(config.seed).spawn(count)):
@@ -107,6 +111,8 @@ def plan_episodes(config: RunConfig, scene: Scene) -> Iterator[Episode]:
         seeds = tuple(int(child.generate_state(1)[0]) for child in sequence.spawn(size))
         if everywhere:
             cells = tuple(cell.number for cell in scene.cells)
+        elif randomization is not None and "cell" in randomization.block:
+            cells = tuple(int(randomization.draws(seed).number("cell")) for seed in seeds)
         elif config.cell == "random":
             cells = tuple(
                 int(np.random.default_rng(seed).integers(1, len(scene.cells) + 1)) for seed in seeds
@@ -122,10 +128,16 @@ def plan_episodes(config: RunConfig, scene: Scene) -> Iterator[Episode]:
         )
 
 
-def episode_targets(scene: Scene, episode: Episode, mass: float) -> list[Target]:
-    """Return the targets of an episode, first those that are picked, in turn."""
+def episode_targets(
+    scene: Scene, episode: Episode, mass: float, randomization: Randomization | None = None
+) -> list[tuple[Target, Variation]]:
+    """Return the targets of an episode, first those that are picked, in turn.
+
+    Beside each is what else is random about its cycle; nothing is without a block, nor about the
+    targets that are not picked.
+    """
     rest = [cell.number for cell in scene.cells if cell.number not in episode.cells]
-    return [
+    targets = [
         Target(
             number=index,
             cell=cell,
@@ -135,6 +147,11 @@ def episode_targets(scene: Scene, episode: Episode, mass: float) -> list[Target]
         )
         for index, cell in enumerate([*episode.cells, *rest * episode.all_from_start])
     ]
+    if randomization is None:
+        return [(target, Variation()) for target in targets]
+    picked = targets[: len(episode.seeds)]
+    varied = vary(scene, picked, episode.seeds, randomization)
+    return varied + [(target, Variation()) for target in targets[len(picked) :]]
 
 
 def run_episode(
@@ -145,6 +162,7 @@ def run_episode(
     limits: MotionLimits,
     solver: Solver | None = None,
     clearance: float = CLEARANCE_FREE,
+    randomization: Randomization | None = None,
     probe: Probe | None = None,
 ) -> Iterator[CycleScore]:
     """Run the cycles of one episode, yielding each score as it is finished.
@@ -153,11 +171,11 @@ def run_episode(
     taken away and everything else is put back as it was when the cycle began, the robot at home.
     """
     simulation = Simulation(scene)
-    targets = episode_targets(scene, episode, mass)
+    targets = episode_targets(scene, episode, mass, randomization)
     if episode.all_from_start:
-        for target in targets:
+        for target, _ in targets:
             simulation.add(target)
-    for index, target in enumerate(targets[: len(episode.cells)]):
+    for index, (target, variation) in enumerate(targets[: len(episode.cells)]):
         if not episode.all_from_start:
             simulation.add(target)
         setup = CycleSetup(
@@ -167,6 +185,7 @@ def run_episode(
             limits=limits,
             solver=solver,
             clearance=clearance,
+            variation=variation,
         )
         record = run_cycle(simulation, target, setup, probe=probe)
         score = score_cycle(record, time_limit=scene.time_limit)
@@ -200,14 +219,14 @@ def run(
     mujoco.set_mju_user_warning(_ignore)  # the simulation is asked instead, and no log file appears
     scene = load_world(config)
     limits = MotionLimits.from_velocity(scene.robot.velocity, config.speed)
-    solver = make_solver(config.ik, scene.robot)
+    solver, block = make_solver(config.ik, scene.robot), config.randomization()
     out = _new_folder(config)
     _write_json(out / "config.json", _provenance(config, scene))
     scores: list[CycleScore] = []
     try:
         for episode in plan_episodes(config, scene):
             finished: list[CycleScore] = []
-            targets = episode_targets(scene, episode, config.mass)
+            targets = [item for item, _ in episode_targets(scene, episode, config.mass, block)]
             try:
                 for score in run_episode(
                     scene,
@@ -216,6 +235,7 @@ def run(
                     limits=limits,
                     solver=solver,
                     clearance=config.clearance,
+                    randomization=block,
                 ):
                     finished.append(score)
                     on_cycle(score)
@@ -264,6 +284,7 @@ def _provenance(config: RunConfig, scene: Scene) -> dict[str, Any]:
     return {
         "schema_version": 1,
         "options": config.as_json(),
+        "randomization": None if (block := config.randomization()) is None else block.as_json(),
         "scene_cells": len(scene.cells),
         "versions": {"kr210-sim": __version__, "python": platform.python_version()}
         | {name: version(name) for name in packages}

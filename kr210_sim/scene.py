@@ -13,6 +13,7 @@ import numpy as np
 
 from kr210_sim.arrays import Array
 from kr210_sim.exceptions import BadInput
+from kr210_sim.mjcf import PAD_PRIORITY
 from kr210_sim.physics import PLAIN_CONTACT, apply_physics
 from kr210_sim.resources import resource
 from kr210_sim.robot import Robot
@@ -25,6 +26,9 @@ _RESERVED = re.compile(r"robot/|measure/|prism_|target_\d+(_visual)?$|cycle_\d+$
 """Names that a run gives to robot, measurements, targets and keyframes."""
 
 _TARGET_FRICTION = (1.0, 0.005, 0.0001)
+_OWN_FRICTION = PAD_PRIORITY - 1
+"""Contact priority of a target whose friction is its own."""
+
 _TARGET_COLOR = (0.13, 0.42, 0.78, 1.0)
 
 
@@ -72,7 +76,9 @@ class Target:
         cell: number of the cell it stands in.
         radius, length: [m].
         mass: [kg].
-        T_base_target: (4, 4) start pose; origin at the centre of mass, z along the axis.
+        T_base_target: (4, 4) start pose; origin in the middle, z along the axis.
+        com: centre of mass above the middle, along the axis [m].
+        friction: coefficient against all but the pads; None: 1, and a rougher partner's counts.
     """
 
     number: int
@@ -81,6 +87,8 @@ class Target:
     T_base_target: Array
     radius: float = 0.05
     length: float = 0.25
+    com: float = 0.0
+    friction: float | None = None
 
     @property
     def name(self) -> str:
@@ -209,6 +217,9 @@ def add_target(spec: mujoco.MjSpec, scene: Scene, target: Target) -> Any:
 
     MuJoCo's cylinder geom reports false depths cap against side; the prism, with its edges on the
     cylinder, does not and settles better.
+
+    A centre of mass off the middle is that of a density that grows evenly along the axis: about
+    the middle the inertia stays that of an even density, about the centre of mass m com^2 less.
     """
     T_world_target = scene.T_world_base @ target.T_base_target
     quat_wxyz = np.empty(4)
@@ -216,21 +227,26 @@ def add_target(spec: mujoco.MjSpec, scene: Scene, target: Target) -> Any:
     body = spec.worldbody.add_body(
         name=target.name, pos=T_world_target[:3, 3], quat=quat_wxyz, explicitinertial=True
     )
-    across = target.mass * (3 * target.radius**2 + target.length**2) / 12
+    across = target.mass * ((3 * target.radius**2 + target.length**2) / 12 - target.com**2)
     body.mass = target.mass
-    body.ipos = [0.0, 0.0, 0.0]
+    body.ipos = [0.0, 0.0, target.com]
     body.iquat = [1.0, 0.0, 0.0, 0.0]
     body.inertia = [across, across, target.mass * target.radius**2 / 2]
     body.add_freejoint(name=target.name)
     mesh = _prism(spec, target.radius, target.length)
+    contact = dict(PLAIN_CONTACT)
+    friction = _TARGET_FRICTION
+    if target.friction is not None:  # or the rougher of two would count; pads have priority still
+        contact["priority"] = _OWN_FRICTION
+        friction = (target.friction, *_TARGET_FRICTION[1:])
     body.add_geom(
         name=target.name,
         type=mujoco.mjtGeom.mjGEOM_MESH,
         meshname=mesh,
-        friction=_TARGET_FRICTION,
+        friction=friction,
         condim=4,
         group=3,
-        **PLAIN_CONTACT,
+        **contact,
     )
     body.add_geom(
         name=f"{target.name}_visual",

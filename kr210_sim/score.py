@@ -73,6 +73,7 @@ class CycleScore:
             "seed": record.seed,
             "cell": record.cell,
             "target": record.target,
+            "drawn": record.drawn,
             "success": self.success,
             "failed_stage": cause.stage if cause else None,
             "reason": cause.reason if cause else None,

@@ -10,9 +10,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kr210_sim.arrays import Array
+from kr210_sim.gripper import PAD_FRICTION
+from kr210_sim.mjcf import PAD_PRIORITY
 from kr210_sim.scene import ROBOT_PREFIX, Scene, Target, add_target
 
 _SENSOR_PREFIX = "measure/"
+_PAYLOAD = ROBOT_PREFIX + "unknown_payload"
+_PAYLOAD_RADIUS = 0.05  # [m], of a solid ball
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -109,6 +113,42 @@ class Simulation:
         self._spec.delete(self._spec.body(name))
         del self.targets[name]
         self._recompile()
+
+    def begin_at(self, q: Array) -> None:
+        """Put the arm at rest in a configuration (6,) [rad]; used between cycles only."""
+        self.data.qpos[self.addresses.arm] = q
+        self.data.qvel[self.addresses.arm_dof] = 0.0
+        self.data.ctrl[self.addresses.arm_ctrl] = q
+        mujoco.mj_forward(self.model, self.data)
+
+    def alter_robot(
+        self, *, pad_friction: float | None = None, gain: Array | None = None, payload: float = 0.0
+    ) -> None:
+        """Make the robot differ from its description, from the next `watch` on.
+
+        Args:
+            pad_friction: coefficient of the pads; None for the description's.
+            gain: (6,) factor of each arm servo's force; None for 1.
+            payload: at the TCP, not compensated by the drives [kg].
+        """
+        robot, described = self.scene.robot, self.scene.spec
+        for finger in robot.fingers:
+            for geom in self._spec.body(ROBOT_PREFIX + finger).find_all("geom"):
+                if geom.priority == PAD_PRIORITY:
+                    geom.friction[0] = PAD_FRICTION if pad_friction is None else pad_friction
+        for index, name in enumerate(robot.arm_joints):
+            factor = 1.0 if gain is None else float(gain[index])
+            actuator = self._spec.actuator(ROBOT_PREFIX + name)
+            nominal = described.actuator(ROBOT_PREFIX + name)
+            actuator.gainprm = nominal.gainprm * factor
+            actuator.biasprm = nominal.biasprm * factor
+        if (body := self._spec.body(_PAYLOAD)) is not None:
+            self._spec.delete(body)
+        if payload:
+            body = self._spec.body(ROBOT_PREFIX + robot.palm).add_body(
+                name=_PAYLOAD, pos=robot.T_palm_tcp[:3, 3], mass=payload, explicitinertial=True
+            )
+            body.inertia = np.full(3, 0.4 * payload * _PAYLOAD_RADIUS**2)
 
     def watch(self, target: Target) -> None:
         """Measure this target from now on, as the one to be picked."""

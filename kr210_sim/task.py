@@ -55,14 +55,32 @@ class PlacePoses:
     place: Array
 
 
+def standing(T_base_seen: Array, T_base_cell: Array, length: float) -> Array:
+    """Return the pose (4, 4) of a target that was seen about there and stands in its cell.
+
+    A camera errs in tilt and height as well; but the cell's surface is known, and what stands on it
+    stands upright. Only the place on the surface and the turn about the vertical are as seen.
+
+    Args:
+        T_base_seen: (4, 4), origin in the middle of the target, z along its axis.
+        T_base_cell: (4, 4), +z up, origin on the surface.
+        length: of the target [m].
+    """
+    up, p_cell = T_base_cell[:3, 2], T_base_cell[:3, 3]
+    x = T_base_seen[:3, 0] - up * (up @ T_base_seen[:3, 0])
+    height = up @ (T_base_seen[:3, 3] - p_cell)
+    p_base = T_base_seen[:3, 3] + up * (length / 2 - height)
+    return _frame(x / np.linalg.norm(x), up, p_base)
+
+
 def pick_options(T_base_target: Array, T_base_cell: Array) -> list[PickPoses]:
     """Return the ways to take a target, the cell's own direction first.
 
-    The TCP goes to the target's centre of mass with the tool's z axis along the target's axis, so
+    The TCP goes to the middle of the target with the tool's z axis along the target's axis, so
     that the jaws close on it evenly.
 
     Args:
-        T_base_target: (4, 4), origin at the centre of mass, z along the axis.
+        T_base_target: (4, 4), origin in its middle, z along the axis.
         T_base_cell: (4, 4), +x the direction in which the tool goes in.
     """
     z = T_base_target[:3, 2]
