@@ -20,6 +20,7 @@ NAMES = [path.stem for path in FILES]
 
 WITHOUT_MUJOCO = (
     "arrays", "compare", "config", "criteria", "exceptions", "gates", "legs", "path", "planning",
+    "randomize",
     "record", "resources", "sampling", "score", "stats", "summary", "task", "tcp_limits",
     "time_law", "tracks", "trajectory",
 )  # fmt: skip
