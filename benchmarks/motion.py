@@ -19,10 +19,10 @@ from kr210_sim.clearance import least_clearance
 from kr210_sim.collision import MujocoOracle
 from kr210_sim.config import RunConfig
 from kr210_sim.cycle import CycleSetup, TimedMotion, plan_cycle
+from kr210_sim.episodes import TARGET_LENGTH, load_world, plan_episodes, run_episode
 from kr210_sim.exceptions import CycleFailure
 from kr210_sim.planning import CyclePlan, Motion
 from kr210_sim.robot import Robot
-from kr210_sim.runner import TARGET_LENGTH, load_world, plan_episodes, run_episode
 from kr210_sim.scene import Scene, Target
 from kr210_sim.simulation import Simulation
 from kr210_sim.task import WALL_MARGIN

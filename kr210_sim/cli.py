@@ -16,12 +16,15 @@ from typing import TYPE_CHECKING, Any, NoReturn
 
 from kr210_sim import __version__
 from kr210_sim.config import RunConfig
-from kr210_sim.exceptions import BadInput
+from kr210_sim.exceptions import BadInput, NotWritten
+from kr210_sim.interrupts import one_interrupt
+from kr210_sim.junit import write_junit
+from kr210_sim.options import read_options
+from kr210_sim.progress import ProgressBar
 from kr210_sim.source import RobotSource
 
 if TYPE_CHECKING:
     from kr210_sim.robot import Robot
-    from kr210_sim.score import CycleScore
 
 ROBOT_OPTIONS = (
     "robot",
@@ -59,11 +62,14 @@ def main(argv: Sequence[str] | None = None) -> int:
     except BadInput as error:
         print(f"kr210-sim: {_one_line(str(error))}", file=sys.stderr)
         return EXIT_BAD_INPUT
-    except KeyboardInterrupt:
-        print("kr210-sim: interrupted; what is finished is kept", file=sys.stderr)
+    except KeyboardInterrupt as error:
+        print(f"kr210-sim: {error or 'interrupted'}", file=sys.stderr)
         return EXIT_INTERRUPTED
     except BrokenPipeError:  # the reader of our output has gone, e.g. `| head`
         sys.stdout = open(os.devnull, "w")
+        return EXIT_INTERNAL
+    except NotWritten as error:
+        print(f"kr210-sim: {error}", file=sys.stderr)
         return EXIT_INTERNAL
     except OSError as error:
         print(f"kr210-sim: {error}; what is finished is kept", file=sys.stderr)
@@ -111,58 +117,53 @@ def _add_run(verbs: Any) -> None:
         "run",
         help="run and score pick-and-place cycles",
         description="Run and score pick-and-place cycles. Exit status: 0 all gates met, 1 one not "
-        "met, 2 bad input, 3 internal error, 130 interrupted.",
+        "met, 2 bad input, 3 internal error or full disk, 130 interrupted.",
         allow_abbrev=False,
     )
     _add_version(parser)
-    types: dict[str, Any] = {
-        "cycles": int,
-        "seed": int,
-        "mass": float,
-        "clearance": float,
-        "speed": float,
-        "min_success": float,
-        "max_ik_offset": float,
-        "max_cycle_time": float,
-        "out": Path,
-    }
-    for name, (default, metadata) in RunConfig.metadata().items():
-        option = "--" + name.replace("_", "-")
-        text = metadata["help"]
-        if name in ROBOT_OPTIONS:
-            _add_robot_option(parser, name)
-        elif name == "json":
-            parser.add_argument(option, action="store_true", help=text)
-        elif name == "video":
-            parser.add_argument(option, nargs="?", const="", metavar=metadata["metavar"], help=text)
-        else:
-            shown = "" if default is None else f" (default: {default})"
-            parser.add_argument(
-                option,
-                type=types.get(name, str),
-                default=default,
-                metavar=metadata["metavar"],
-                help=text + shown,
-            )
+    for name in RunConfig.metadata():
+        _add_option(parser, name, only_given=True)
+    parser.add_argument(
+        "--config", type=Path, metavar="FILE", help="options in JSON or TOML; those given here win"
+    )
     parser.add_argument(
         "--list-scenes", action="store_true", help="list the bundled scenes and exit"
     )
     parser.set_defaults(verb=_run)
 
 
-def _add_robot_option(parser: argparse.ArgumentParser, name: str) -> None:
-    """Add one of ROBOT_OPTIONS, as RunConfig describes it."""
+def _add_option(parser: argparse.ArgumentParser, name: str, *, only_given: bool = False) -> None:
+    """Add an option as RunConfig describes it.
+
+    Args:
+        parser: of the verb.
+        name: of the field.
+        only_given: leave no attribute where the option is not given.
+    """
     default, metadata = RunConfig.metadata()[name]
-    option, text = "--" + name.replace("_", "-"), metadata["help"]
-    if isinstance(default, bool):
-        parser.add_argument(option, action="store_true", help=text)
-    elif isinstance(default, tuple):
-        parser.add_argument(
-            option, action="append", default=[], metavar=metadata["metavar"], help=text
-        )
+    option, text, kind = "--" + name.replace("_", "-"), metadata["help"], metadata["kind"]
+    absent = argparse.SUPPRESS if only_given else default
+    shown = f" (default: {default})" if default not in (None, False, ()) else ""
+    if kind is bool:
+        parser.add_argument(option, action="store_true", default=absent, help=text)
+        return
+    more: dict[str, Any] = {"metavar": metadata["metavar"], "default": absent, "help": text + shown}
+    if kind is tuple:
+        more["default"] = argparse.SUPPRESS if only_given else []
+        parser.add_argument(option, action="append", **more)
+    elif name == "video":
+        parser.add_argument(option, nargs="?", const="", **more)
     else:
-        kind = Path if name == "robot" else str
-        parser.add_argument(option, type=kind, metavar=metadata["metavar"], help=text)
+        parser.add_argument(option, type=_whole if kind is int else kind, **more)
+
+
+def _whole(text: str) -> int:
+    try:
+        return int(text)
+    except ValueError as error:
+        raise argparse.ArgumentTypeError(
+            f"'{text:.24}' is no whole number, or far too large"
+        ) from error
 
 
 def _source(options: argparse.Namespace) -> RobotSource:
@@ -175,38 +176,50 @@ def _run(options: argparse.Namespace) -> int:
 
         print("\n".join(list_scenes()))
         return EXIT_PASSED
-    values: dict[str, Any] = {name: getattr(options, name) for name in RunConfig.metadata()}
-    config = RunConfig(**values)
+    given = {name: getattr(options, name) for name in RunConfig.metadata() if name in options}
+    config = RunConfig(**((read_options(options.config) if options.config else {}) | given))
     film = _film(config)
+    _check_junit(config)
+    from kr210_sim.results import read_lines
     from kr210_sim.runner import run
     from kr210_sim.summary import HEADER, cycle_line, summary_text
 
     text = sys.stderr if config.json else sys.stdout
-    bar = _Bar(config.cycles)
+    bar = ProgressBar(config.cycles, sys.stderr)
     header = [HEADER]
 
-    def report(score: CycleScore) -> None:
+    def report(line: dict[str, Any]) -> None:
         bar.clear()
         while header:
             print(header.pop(), file=text)
-        print(cycle_line(score), file=text, flush=True)
-        bar.show(score.record.cycle + 1)
+        print(cycle_line(line), file=text, flush=True)
+        bar.show(line["cycle"])
 
-    bar.show(0)
-    try:
-        out, summary = run(config, on_cycle=report)
-    finally:
-        bar.clear()
-    print(f"\n{summary_text(summary)}", file=text, flush=True)
-    _warn(summary["notes"])
-    print(f"results        {out}", file=text, flush=True)
-    if film is not None:
-        target = Path(config.video or out / "film.mp4")
-        film(out, target)
-        print(f"film           {target}", file=text)
-    if config.json:
-        print(json.dumps(summary, indent=2, allow_nan=False))
+    with one_interrupt():
+        try:
+            out, summary = run(config, on_cycle=report)
+        finally:
+            bar.clear()
+        if config.junit is not None:
+            write_junit(config.junit, read_lines(out), summary, name=f"seed {config.seed}")
+        print(f"\n{summary_text(summary)}", file=text)
+        print(f"results        {out}", file=text, flush=True)
+        if config.json:
+            print(json.dumps(summary, indent=2, allow_nan=False), flush=True)
+        if film is not None:
+            target = Path(config.video or out / "film.mp4")
+            film(out, target)
+            print(f"film           {target}", file=text)
     return EXIT_PASSED if summary["passed"] else EXIT_GATE
+
+
+def _check_junit(config: RunConfig) -> None:
+    """Refuse a place where no file can be written, before anybody waits for cycles."""
+    path = config.junit
+    if path is None or path.parent == config.out:
+        return
+    if path.is_dir() or not path.parent.is_dir():
+        raise BadInput(f"--junit: {path} must be a file in a folder that exists")
 
 
 def _film(config: RunConfig) -> Any:
@@ -244,7 +257,7 @@ def _add_ik(verbs: Any) -> None:
     )
     parser.add_argument("--pose", metavar="JSON", help="T_base_palm as a 4 x 4 list, or a file")
     for name in ROBOT_OPTIONS:
-        _add_robot_option(parser, name)
+        _add_option(parser, name)
     parser.add_argument("--json", action="store_true", help="print JSON")
     parser.set_defaults(verb=_ik)
 
@@ -273,7 +286,7 @@ def _add_dh(verbs: Any) -> None:
     )
     parser.add_argument("robot", nargs="?", type=Path, help="default: the bundled KR210")
     for name in ROBOT_OPTIONS[1:]:
-        _add_robot_option(parser, name)
+        _add_option(parser, name)
     parser.add_argument("--symbolic", action="store_true", help="transforms as formulas (sympy)")
     parser.add_argument("--json", action="store_true", help="print JSON")
     parser.set_defaults(verb=_dh)
@@ -307,7 +320,7 @@ def _add_convert(verbs: Any) -> None:
         "--check", action="store_true", help="compare every link with the description"
     )
     for name in ROBOT_OPTIONS[1:]:
-        _add_robot_option(parser, name)
+        _add_option(parser, name)
     parser.set_defaults(verb=_convert)
 
 
@@ -363,20 +376,3 @@ def _robot(options: argparse.Namespace) -> Robot:
 def _warn(notes: Sequence[str]) -> None:
     for note in notes:
         print(f"kr210-sim: note: {note}", file=sys.stderr)
-
-
-class _Bar:
-    """A progress bar on a terminal; nothing elsewhere."""
-
-    def __init__(self, total: int) -> None:
-        self._total, self._shown = total, sys.stderr.isatty()
-
-    def show(self, done: int) -> None:
-        if self._shown and done < self._total:
-            filled = 30 * done // self._total
-            bar = "#" * filled + "-" * (30 - filled)
-            print(f"\r[{bar}] {done}/{self._total} cycles", end="", file=sys.stderr, flush=True)
-
-    def clear(self) -> None:
-        if self._shown:
-            print("\r\x1b[K", end="", file=sys.stderr, flush=True)

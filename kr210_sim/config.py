@@ -5,7 +5,8 @@ from __future__ import annotations
 import math
 from dataclasses import asdict, dataclass, field, fields
 from pathlib import Path
-from typing import Any
+from types import UnionType
+from typing import Any, cast, get_args, get_origin, get_type_hints
 
 from kr210_sim.criteria import CLEARANCE_CAP, CLEARANCE_FREE
 from kr210_sim.exceptions import BadInput
@@ -17,9 +18,20 @@ MAX_CYCLES = 1_000_000
 MIN_MASS = 1e-3
 """Lightest target [kg]; MuJoCo needs some inertia."""
 
+MAX_JOBS = 1024
+MAX_SEED = 2**64 - 1
+
 SOLVERS = ("analytic", "numeric")
+BACKENDS = ("processes", "dask")
+RECORDS = ("all", "failed", "none")
 EPISODE_CYCLES = 10
 """Cycles in one scene; targets that earlier cycles placed stay in the bin."""
+
+FREE = frozenset(
+    {"cycles", "jobs", "backend", "resume", "out", "json", "video", "junit"}
+    | {"min_success", "max_ik_offset", "max_cycle_time"}
+)
+"""Options that may change when a run is resumed: none of them changes a cycle that is finished."""
 
 
 def _option(default: Any, help_text: str, metavar: str | None = None) -> Any:
@@ -35,6 +47,15 @@ class RunConfig:
     """
 
     cycles: int = _option(10, "number of pick-and-place cycles", "N")
+    episode_cycles: int = _option(
+        EPISODE_CYCLES, "cycles that share a scene, what was placed staying in the bin", "N"
+    )
+    jobs: int = _option(1, "worker processes; they share the episodes out", "N")
+    backend: str = _option(
+        "processes",
+        "where the workers of --jobs are: processes, or dask (a cluster, through joblib)",
+        "NAME",
+    )
     seed: int = _option(0, "seed of the run; every cycle derives its own from it", "S")
     scene: str = _option("shelf_and_bin", "bundled scene or path of an MJCF world", "NAME|PATH")
     robot: Path | None = _option(None, "a .xacro or .urdf; default: the bundled KR210", "PATH")
@@ -72,6 +93,13 @@ class RunConfig:
     out: Path | None = _option(
         None, "folder of the results; default: runs/<time>-seed<S>; never overwritten", "DIR"
     )
+    resume: bool = _option(
+        False, "go on with the run in --out: finished episodes stay, with --cycles it grows"
+    )
+    record: str = _option(
+        "all", "cycles whose record and world are kept: all, failed or none", "WHICH"
+    )
+    junit: Path | None = _option(None, "also write the cycles as JUnit test cases", "PATH")
     json: bool = _option(False, "print the summary as JSON on stdout, all else on stderr")
     video: str | None = _option(
         None, "film of the run, off screen; default path: <out>/film.mp4", "PATH"
@@ -82,9 +110,12 @@ class RunConfig:
         object.__setattr__(self, "package", tuple(self.package))
         object.__setattr__(self, "xacro_arg", tuple(self.xacro_arg))
         if not 1 <= self.cycles <= MAX_CYCLES:
-            raise BadInput(f"--cycles: {self.cycles} is out of range; give 1 to {MAX_CYCLES}")
-        if self.seed < 0:
-            raise BadInput(f"--seed: {self.seed} is negative; give 0 or more")
+            raise BadInput(
+                f"--cycles: {_short(self.cycles)} is out of range; give 1 to {MAX_CYCLES}"
+            )
+        if not 0 <= self.seed <= MAX_SEED:
+            raise BadInput(f"--seed: {_short(self.seed)} is out of range; give 0 to {MAX_SEED}")
+        self._check_campaign()
         if self.cell not in ("random", "all") and not _is_cell_number(self.cell):
             raise BadInput(f"--cell: '{self.cell}' is no cell; give a number from 1, random or all")
         if not (math.isfinite(self.mass) and self.mass >= MIN_MASS):
@@ -114,6 +145,28 @@ class RunConfig:
             max_ik_offset=self.max_ik_offset,
             max_cycle_time=self.max_cycle_time,
         )
+
+    def _check_campaign(self) -> None:
+        """Check how the cycles are shared out and what is kept of them."""
+        if not 1 <= self.episode_cycles <= MAX_CYCLES:
+            raise BadInput(
+                f"--episode-cycles: {_short(self.episode_cycles)} is out of range; "
+                f"give 1 to {MAX_CYCLES}"
+            )
+        if self.cell == "all" and self.episode_cycles != EPISODE_CYCLES:
+            raise BadInput(
+                "--episode-cycles: with --cell all an episode is one round; leave it out"
+            )
+        if not 1 <= self.jobs <= MAX_JOBS:
+            raise BadInput(f"--jobs: {_short(self.jobs)} is out of range; give 1 to {MAX_JOBS}")
+        if self.backend not in BACKENDS:
+            raise BadInput(f"--backend: no '{self.backend}'; give one of {', '.join(BACKENDS)}")
+        if self.record not in RECORDS:
+            raise BadInput(f"--record: no '{self.record}'; give one of {', '.join(RECORDS)}")
+        if self.record == "none" and self.video is not None:
+            raise BadInput("--record: a film is drawn from records; give all or failed")
+        if self.resume and self.out is None:
+            raise BadInput("--resume: which run? name its folder by --out DIR")
 
     def robot_source(self) -> RobotSource:
         """Return where the robot comes from.
@@ -154,8 +207,23 @@ class RunConfig:
 
     @classmethod
     def metadata(cls) -> dict[str, Any]:
-        """Return help, metavar and default of each option, by field name."""
-        return {item.name: (item.default, item.metadata) for item in fields(cls)}
+        """Return default, and help, metavar and kind of value, of each option, by field name."""
+        hints = get_type_hints(cls)
+        return {
+            item.name: (item.default, {**item.metadata, "kind": _kind(hints[item.name])})
+            for item in fields(cls)
+        }
+
+
+def _kind(hint: Any) -> type:
+    """Return int, float, str, bool, Path or tuple for the type of a field."""
+    kind = get_args(hint)[0] if isinstance(hint, UnionType) else get_origin(hint) or hint
+    return cast(type, kind)
+
+
+def _short(number: int) -> str:
+    text = str(number)
+    return text if len(text) <= 24 else f"{text[:20]}... ({len(text)} digits)"
 
 
 def _is_cell_number(text: str) -> bool:

@@ -19,7 +19,7 @@ from kr210_sim.legs import Hand
 from kr210_sim.monitor import Monitor
 from kr210_sim.offsets import ik_offsets
 from kr210_sim.planning import CyclePlan, CyclePlanner, Motion
-from kr210_sim.record import RECORD_STEP, CycleRecord, Event
+from kr210_sim.record import RECORD_STEP, CycleRecord, Event, unplayed_record
 from kr210_sim.robot import Robot
 from kr210_sim.scene import Target
 from kr210_sim.simulation import Simulation
@@ -265,15 +265,9 @@ def run_cycle(
     """
     setup.variation.prepare(simulation, target)
     cycle = _Cycle(simulation, target, setup, probe)
-    record = CycleRecord(
-        cycle=setup.cycle,
-        episode=setup.episode,
-        seed=setup.seed,
-        cell=target.cell,
-        target={"mass_kg": target.mass, "radius_m": target.radius, "length_m": target.length},
-        drawn=setup.variation.drawn,
-        start=simulation.positions(),
-    )
+    record = unplayed_record(target, cycle=setup.cycle, episode=setup.episode, seed=setup.seed)
+    record.drawn = setup.variation.drawn
+    record.start = simulation.positions()
     started = time.perf_counter()
     events: list[Event] = []
     try:

@@ -18,6 +18,14 @@ class MissingFile(BadInput):
     """A file that a description names does not exist."""
 
 
+class NotWritten(Kr210SimError):
+    """A file of a run cannot be written, e.g. on a full disk; what is finished is kept."""
+
+
+class Interrupted(KeyboardInterrupt):
+    """A run was interrupted; the message says what is kept."""
+
+
 class CycleFailure(Kr210SimError):
     """A cycle cannot go on; the sequencer turns it into a scored failure.
 

@@ -5,12 +5,15 @@ from __future__ import annotations
 import json
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from kr210_sim.arrays import Array
+
+if TYPE_CHECKING:
+    from kr210_sim.scene import Target
 
 RECORD_STEP = 0.010
 """Interval at which the state is kept [s]; extremes cover every physics step in between."""
@@ -100,6 +103,17 @@ class CycleRecord:
         """Return which record steps (n,) belong to the stages named."""
         indices = [index for index, stage in enumerate(STAGES) if stage in stages]
         return np.isin(self.series["stage"], indices)
+
+
+def unplayed_record(target: Target, *, cycle: int, episode: int, seed: int) -> CycleRecord:
+    """Return the record of a cycle of which nothing but its identity and target is known."""
+    return CycleRecord(
+        cycle=cycle,
+        episode=episode,
+        seed=seed,
+        cell=target.cell,
+        target={"mass_kg": target.mass, "radius_m": target.radius, "length_m": target.length},
+    )
 
 
 SERIES = {

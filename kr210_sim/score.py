@@ -20,7 +20,7 @@ from kr210_sim.criteria import (
     SPEED_RATIO_LIMIT,
 )
 from kr210_sim.record import FREE_STAGES, MOTION_STAGES, STAGES, CycleRecord, Event
-from kr210_sim.stats import spread
+from kr210_sim.stats import histogram, spread
 
 _CARRYING = frozenset({"LIFT", "WITHDRAW", "MOVE_TO_PLACE", "LOWER"})
 
@@ -92,6 +92,12 @@ class CycleScore:
             "place_offset_m": self.place_offset_m,
             "min_clearance_m": self.min_clearance_m,
             "clearance_m": record.clearance_m,
+            "simulated_s": float(record.series["time"][-1]) if record.series else 0.0,
+            "histograms": {
+                "ik_offset_m": histogram(self.ik_offset_m),
+                "ik_offset_rad": histogram(self.ik_offset_rad),
+                "tracking_offset_m": histogram(self.tracking_offset_m),
+            },
             "wall_clock": record.wall_clock,
         }
 

@@ -1,8 +1,7 @@
-"""CycleScores -> Summary numbers: spreads and exact intervals."""
+"""CycleScores -> Summary numbers: spreads, pooled points, exact intervals."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -10,6 +9,12 @@ from numpy.typing import ArrayLike
 from scipy.stats import binomtest
 
 _QUANTILES = {"p50": 0.50, "p95": 0.95, "p99": 0.99}
+
+BINS_PER_OCTAVE = 16
+"""Of a histogram: bins are 4.4 % wide."""
+
+SMALLEST = 1e-18
+"""Below this a value counts as zero in a histogram; offsets are sums of terms of 1e-16."""
 
 
 def spread(values: ArrayLike, *names: str) -> dict[str, float | None]:
@@ -30,15 +35,58 @@ def success_interval(succeeded: int, cycles: int, confidence: float = 0.95) -> t
     return float(interval.low), float(interval.high)
 
 
-def count_reasons(reasons: Sequence[str | None]) -> dict[str, int]:
-    """Count failures by reason, most frequent first."""
-    found: dict[str, int] = {}
-    for reason in reasons:
-        if reason is not None:
-            found[reason] = found.get(reason, 0) + 1
-    return dict(sorted(found.items(), key=lambda item: (-item[1], item[0])))
+def histogram(values: ArrayLike) -> dict[str, Any]:
+    """Count non-negative values in bins of equal ratio, as JSON: zeros, first bin, counts."""
+    array = np.asarray(values, dtype=float)
+    positive = array[array >= SMALLEST]
+    bins = np.floor(np.log2(positive) * BINS_PER_OCTAVE).astype(int)
+    first = int(bins.min()) if bins.size else 0
+    return {
+        "zeros": int(array.size - positive.size),
+        "first": first,
+        "counts": np.bincount(bins - first).tolist(),
+    }
 
 
-def pooled(arrays: Sequence[Any]) -> Any:
-    """Join the samples of several cycles."""
-    return np.concatenate(arrays) if arrays else np.empty(0)
+class Pool:
+    """The points of many cycles taken together, in constant memory.
+
+    Mean and maximum are those of the points; a quantile is that of their histogram, within 4.4 %.
+    """
+
+    def __init__(self) -> None:
+        self._counts: dict[int, int] = {}
+        self._zeros, self._total, self._sum, self._max = 0, 0, 0.0, 0.0
+
+    def add(self, spread: dict[str, float | None], histogram: dict[str, Any]) -> None:
+        """Add the points of one cycle, by what `spread` and `histogram` say of them."""
+        points = histogram["zeros"] + sum(histogram["counts"])
+        if not points:
+            return
+        self._total += points
+        self._zeros += histogram["zeros"]
+        self._sum += points * float(spread["mean"] or 0.0)
+        self._max = max(self._max, float(spread["max"] or 0.0))
+        for bin_, count in enumerate(histogram["counts"], start=histogram["first"]):
+            if count:
+                self._counts[bin_] = self._counts.get(bin_, 0) + count
+
+    def spread(self, *names: str) -> dict[str, float | None]:
+        """Summarise like the function `spread`."""
+        if not self._total:
+            return dict.fromkeys(names)
+        found = {"mean": self._sum / self._total, "max": self._max}
+        return {
+            name: found[name] if name in found else self._quantile(_QUANTILES[name])
+            for name in names
+        }
+
+    def _quantile(self, share: float) -> float:
+        rank = share * (self._total - 1) - self._zeros
+        if rank < 0:
+            return 0.0
+        for bin_, count in sorted(self._counts.items()):
+            if rank < count:
+                return float(min(self._max, 2 ** ((bin_ + (rank + 0.5) / count) / BINS_PER_OCTAVE)))
+            rank -= count
+        return self._max

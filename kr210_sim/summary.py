@@ -1,14 +1,15 @@
-"""CycleScores -> the summary of a run, as JSON and as the table on the terminal."""
+"""Scored cycles -> the summary of a run, as JSON and as the table on the terminal."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from array import array
+from collections import Counter
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
+from kr210_sim.config import RunConfig
 from kr210_sim.criteria import CLEARANCE_CAP
-from kr210_sim.gates import Gates
-from kr210_sim.score import CycleScore
-from kr210_sim.stats import count_reasons, pooled, spread, success_interval
+from kr210_sim.stats import Pool, spread, success_interval
 from kr210_sim.trajectory import MotionLimits
 
 _TIMES = ("mean", "p50", "p95", "max")
@@ -16,81 +17,63 @@ _OFFSETS = ("mean", "p99", "max")
 _SLIPS = ("mean", "p95", "max")
 
 
-_ONCE = ("grasp_slip_m", "grasp_slip_rad", "place_offset_m")
-"""Figures of which a cycle has one."""
-
-
 def summarize(
-    scores: Sequence[CycleScore],
+    lines: Iterable[Mapping[str, Any]],
     *,
-    seed: int,
-    gates: Gates,
-    clearance: float,
+    config: RunConfig,
     limits: MotionLimits,
     notes: Sequence[str],
     wall_time_s: float,
+    simulated_s: float,
+    lost_workers: Sequence[Mapping[str, Any]] = (),
 ) -> dict[str, Any]:
     """Return `summary.json`.
 
     Args:
-        scores: of the finished cycles, in order.
-        seed: of the run.
-        gates: what the run must reach.
-        clearance: asked for outside the cells [m].
+        lines: finished cycles as `cycles.jsonl` has them, read once and not kept.
+        config: the options of the run.
         limits: the joint limits of every motion.
         notes: what a reader should know about the model.
-        wall_time_s: of the whole run [s].
+        wall_time_s: of this session [s].
+        simulated_s: of this session [s].
+        lost_workers: episode, attempt and cause of every worker that was lost.
     """
-    succeeded = sum(score.success for score in scores)
-    good = [score for score in scores if score.success]
-    rate = succeeded / len(scores) if scores else None
-    cycle_time = spread([score.cycle_time_s or 0.0 for score in good], *_TIMES)
-    ik_offset = _spread_pooled(scores, "ik_offset_m")
-    judged = gates.judge(rate, ik_offset["max"], cycle_time["max"])
+    tally = _Tally()
+    for line in lines:
+        tally.add(line)
+    cycles, succeeded = tally.cycles, tally.succeeded
+    rate = succeeded / cycles if cycles else None
+    complete = cycles == config.cycles
+    spreads = tally.spreads()
+    judged = config.gates().judge(
+        rate, spreads["ik_offset_m"]["max"], spreads["cycle_time_s"]["max"]
+    )
     missed = [name for name, gate in judged.items() if not gate["met"]]
     return {
         "schema_version": 1,
-        "cycles": len(scores),
+        "complete": complete,
+        "requested_cycles": config.cycles,
+        "cycles": cycles,
         "succeeded": succeeded,
         "success_rate": rate,
-        "ci95": list(success_interval(succeeded, len(scores))) if scores else None,
-        "min_success": gates.min_success,
+        "ci95": list(success_interval(succeeded, cycles)) if cycles else None,
+        "min_success": config.min_success,
         "gates": judged,
         "gates_missed": missed,
-        "passed": not missed,
-        "seed": seed,
-        "cycle_time_s": cycle_time,
-        "motion_time_s": spread([score.motion_time_s or 0.0 for score in good], *_TIMES),
-        "sampled_motions": sum(len(score.record.sampled_motions) for score in scores),
-        "slowed": _slowed(scores),
-        "ik_offset_m": ik_offset,
-        **{name: _spread_pooled(scores, name) for name in ("ik_offset_rad", "tracking_offset_m")},
-        **{name: _spread_known(scores, name) for name in _ONCE},
-        "clearance_m": clearance,
-        "min_clearance_m": _least([score.min_clearance_m for score in scores]),
-        "ik_time_s": _spread_clock(scores, "ik_time_s"),
-        "plan_time_s": _spread_clock(scores, "plan_time_s"),
+        "passed": complete and not missed,
+        "seed": config.seed,
+        **spreads,
+        "sampled_motions": tally.sampled_motions,
+        "slowed": {"cycles": tally.slowed, "least": tally.least["slowed_to"]},
+        "clearance_m": config.clearance,
+        "min_clearance_m": tally.least["min_clearance_m"],
         "wall_time_s": wall_time_s,
-        "realtime_factor": _simulated(scores) / wall_time_s if wall_time_s > 0 else None,
-        "failures": count_reasons(
-            [score.cause.reason if score.cause else None for score in scores]
-        ),
+        "realtime_factor": simulated_s / wall_time_s if wall_time_s > 0 else None,
+        "failures": dict(sorted(tally.reasons.items(), key=lambda item: (-item[1], item[0]))),
+        "lost_workers": [dict(loss) for loss in lost_workers],
         "limits": _limits(limits),
         "notes": list(notes),
     }
-
-
-def _simulated(scores: Sequence[CycleScore]) -> float:
-    """Return the time simulated [s]."""
-    series = (score.record.series for score in scores)
-    return sum(float(values["time"][-1]) for values in series if values)
-
-
-def _slowed(scores: Sequence[CycleScore]) -> dict[str, float | None]:
-    """Return how many cycles a TCP limit slowed, and the least share of speed left."""
-    shares = [score.record.slowed_to for score in scores]
-    slowed = [share for share in shares if share is not None and share < 1.0]
-    return {"cycles": len(slowed), "least": min(slowed, default=None)}
 
 
 def _limits(limits: MotionLimits) -> dict[str, list[float]]:
@@ -101,22 +84,52 @@ def _limits(limits: MotionLimits) -> dict[str, list[float]]:
     }
 
 
-def _least(values: Sequence[float | None]) -> float | None:
-    return min((value for value in values if value is not None), default=None)
+_OF_SUCCESSES = {"cycle_time_s": _TIMES, "motion_time_s": _TIMES}
+_OF_POINTS = {"ik_offset_m": _OFFSETS, "ik_offset_rad": _OFFSETS, "tracking_offset_m": _OFFSETS}
+_OF_CYCLES = {"grasp_slip_m": _SLIPS, "grasp_slip_rad": _SLIPS, "place_offset_m": _SLIPS}
+_OF_CLOCK = {"ik_time_s": _TIMES, "plan_time_s": _TIMES}
 
 
-def _spread_pooled(scores: Sequence[CycleScore], name: str) -> dict[str, float | None]:
-    return spread(pooled([getattr(score, name) for score in scores]), *_OFFSETS)
+class _Tally:
+    """What a summary needs of all cycles: counts, pooled points, and a few numbers a cycle."""
 
+    def __init__(self) -> None:
+        self.cycles = self.succeeded = 0
+        self.sampled_motions = 0
+        self.slowed = 0
+        self.least: dict[str, float | None] = dict.fromkeys(("min_clearance_m", "slowed_to"))
+        self.reasons: Counter[str] = Counter()
+        self._pools = {name: Pool() for name in _OF_POINTS}
+        self._values = {name: array("d") for name in _OF_SUCCESSES | _OF_CYCLES | _OF_CLOCK}
 
-def _spread_known(scores: Sequence[CycleScore], name: str) -> dict[str, float | None]:
-    values = [getattr(score, name) for score in scores]
-    return spread([value for value in values if value is not None], *_SLIPS)
+    def add(self, line: Mapping[str, Any]) -> None:
+        self.cycles += 1
+        self.succeeded += line["success"]
+        self.sampled_motions += len(line["sampled_motions"])
+        if line["reason"] is not None:
+            self.reasons[line["reason"]] += 1
+        self._note_least("min_clearance_m", line["min_clearance_m"])
+        if line["slowed_to"] is not None and line["slowed_to"] < 1.0:
+            self.slowed += 1
+            self._note_least("slowed_to", line["slowed_to"])
+        for name, pool in self._pools.items():
+            pool.add(line[name], line["histograms"][name])
+        known = {name: line[name] for name in _OF_CYCLES} | dict(line["wall_clock"])
+        if line["success"]:
+            known |= {name: line[name] for name in _OF_SUCCESSES}
+        for name, values in self._values.items():
+            if known.get(name) is not None:
+                values.append(known[name])
 
+    def _note_least(self, name: str, value: float | None) -> None:
+        known = [least for least in (self.least[name], value) if least is not None]
+        self.least[name] = min(known, default=None)
 
-def _spread_clock(scores: Sequence[CycleScore], name: str) -> dict[str, float | None]:
-    values = [score.record.wall_clock.get(name) for score in scores]
-    return spread([value for value in values if value is not None], *_TIMES)
+    def spreads(self) -> dict[str, dict[str, float | None]]:
+        return {name: self._pools[name].spread(*names) for name, names in _OF_POINTS.items()} | {
+            name: spread(self._values[name], *names)
+            for name, names in (_OF_SUCCESSES | _OF_CYCLES | _OF_CLOCK).items()
+        }
 
 
 HEADER = (
@@ -125,21 +138,19 @@ HEADER = (
 )
 
 
-def cycle_line(score: CycleScore) -> str:
-    """Return the row of one cycle in the table under `HEADER`."""
-    record = score.record
-    verdict = "success" if score.cause is None else score.cause.reason
-    tracking = spread(score.tracking_offset_m, "max")["max"]
-    offset = spread(score.ik_offset_m, "max")["max"]
-    line = (
-        f"{record.cycle:>5} {record.seed:>10} {record.cell:>4}  {verdict:<16} "
-        f"{_number(score.cycle_time_s, 1, 2):>6} {_number(score.grasp_slip_m, 1e3, 2):>7} "
-        f"{_number(score.place_offset_m, 1e3, 0):>8} {_number(tracking, 1e3, 2):>8} "
-        f"{_exponent(offset):>11}"
+def cycle_line(line: Mapping[str, Any]) -> str:
+    """Return the row of one cycle, as `cycles.jsonl` has it, in the table under `HEADER`."""
+    row = (
+        f"{line['cycle']:>5} {line['seed']:>10} {line['cell']:>4}  "
+        f"{line['reason'] or 'success':<16} "
+        f"{_number(line['cycle_time_s'], 1, 2):>6} {_number(line['grasp_slip_m'], 1e3, 2):>7} "
+        f"{_number(line['place_offset_m'], 1e3, 0):>8} "
+        f"{_number(line['tracking_offset_m']['max'], 1e3, 2):>8} "
+        f"{_exponent(line['ik_offset_m']['max']):>11}"
     )
-    if score.cause is not None:
-        line += f"\n      {score.cause.stage} at {score.cause.time:.2f} s: {score.cause.detail}"
-    return line
+    if line["reason"] is not None:
+        row += f"\n      {line['failed_stage']} at {line['failed_time_s']:.2f} s: {line['detail']}"
+    return row
 
 
 def _number(value: float | None, scale: float, digits: int) -> str:
@@ -161,6 +172,8 @@ def summary_text(summary: dict[str, Any]) -> str:
         return "no cycle was finished"
     low, high = summary["ci95"]
     gate = _verdict(summary["gates"]["min_success"])
+    if not summary["complete"]:
+        gate += f", {cycles} of {summary['requested_cycles']} cycles are finished"
     lines = [
         f"{succeeded} of {cycles} cycles succeeded ({100 * summary['success_rate']:.1f} %, 95 % "
         f"interval {100 * low:.1f} to {100 * high:.1f} %); gate {summary['min_success']:g}: {gate}",
@@ -188,6 +201,11 @@ def summary_text(summary: dict[str, Any]) -> str:
     if summary["failures"]:
         counted = ", ".join(f"{reason} {count}" for reason, count in summary["failures"].items())
         lines.append(f"failures       {counted}")
+    for loss in summary["lost_workers"]:
+        lines.append(
+            f"lost worker    episode {loss['episode']}, attempt {loss['attempt']}: {loss['cause']}"
+        )
+    lines += [f"note           {note}" for note in summary["notes"]]
     return "\n".join(lines)
 
 

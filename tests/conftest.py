@@ -15,13 +15,15 @@ import mujoco
 import numpy as np
 import pytest
 
+import kr210_sim.episodes
 import kr210_sim.loading
 from kr210_sim.config import RunConfig
 from kr210_sim.cycle import CycleSetup, Probe, run_cycle
 from kr210_sim.description import Description, load_description
+from kr210_sim.episodes import TARGET_LENGTH
 from kr210_sim.mjcf import robot_spec
 from kr210_sim.robot import Robot, bundled_robot, find_robot
-from kr210_sim.runner import TARGET_LENGTH, run
+from kr210_sim.runner import run
 from kr210_sim.scene import Scene, Target, build_scene, find_scene
 from kr210_sim.score import CycleScore, score_cycle
 from kr210_sim.simulation import Simulation
@@ -112,8 +114,15 @@ def default_run(tmp_path_factory: pytest.TempPathFactory) -> Run:
         assert isinstance(made, Run)
         return made
     scores: list[CycleScore] = []
+
+    def score(*given: Any, **named: Any) -> CycleScore:
+        scores.append(score_cycle(*given, **named))
+        return scores[-1]
+
     try:
-        _, summary = run(RunConfig(out=folder / "run"), on_cycle=scores.append)
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr(kr210_sim.episodes, "score_cycle", score)
+            _, summary = run(RunConfig(out=folder / "run"))
     except BaseException:
         (folder / "failed").touch()
         raise

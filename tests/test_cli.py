@@ -166,11 +166,11 @@ def test_an_interrupted_run_exits_with_130_and_keeps_what_is_finished(here, capf
     real = kr210_sim.summary.cycle_line
     shown: list[int] = []
 
-    def interrupted(score):
-        shown.append(score.record.cycle)
+    def interrupted(line):
+        shown.append(line["cycle"])
         if len(shown) == 2:
             raise KeyboardInterrupt
-        return real(score)
+        return real(line)
 
     monkeypatch.setattr(kr210_sim.summary, "cycle_line", interrupted)
     scene = write_hasty_scene(here)
@@ -185,7 +185,7 @@ def test_a_disk_that_is_full_exits_with_3(here, capfd, monkeypatch):
     def full(*_: object) -> None:
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr("kr210_sim.runner.save_record", full)
+    monkeypatch.setattr("kr210_sim.episode_files.save_record", full)
     scene = write_hasty_scene(here)
     assert main(["run", "--cycles", "1", "--scene", scene, "--out", "run"]) == 3
     err = capfd.readouterr().err

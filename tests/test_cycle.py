@@ -7,9 +7,9 @@ import pytest
 from conftest import standing_target
 
 from kr210_sim.cycle import GRIP_STEADY
+from kr210_sim.episodes import Episode, run_episode
 from kr210_sim.monitor import GRIP_READY
 from kr210_sim.record import RECORD_STEP, STAGES
-from kr210_sim.runner import Episode, run_episode
 from kr210_sim.scene import Target
 from kr210_sim.simulation import Simulation
 

@@ -16,6 +16,7 @@ from kr210_sim.cli import main
 from kr210_sim.config import RunConfig
 from kr210_sim.control import Controller
 from kr210_sim.cycle import CycleSetup, run_cycle
+from kr210_sim.episodes import TARGET_LENGTH, episode_targets, plan_episodes
 from kr210_sim.exceptions import BadInput
 from kr210_sim.mjcf import PAD_PRIORITY
 from kr210_sim.randomize import (
@@ -28,8 +29,10 @@ from kr210_sim.randomize import (
     make_randomization,
     read_randomization,
 )
+from kr210_sim.record import load_series
+from kr210_sim.results import read_lines
 from kr210_sim.room import Room
-from kr210_sim.runner import TARGET_LENGTH, episode_targets, plan_episodes, run
+from kr210_sim.runner import run
 from kr210_sim.scene import ROBOT_PREFIX
 from kr210_sim.simulation import Simulation
 from kr210_sim.variation import Variation, check_block, vary
@@ -451,10 +454,9 @@ def test_a_nominal_run_is_repeatable_and_says_what_was_drawn(tmp_path):
 def test_a_cycle_that_starts_away_from_home_ends_there(tmp_path):
     path = tmp_path / "start.toml"
     path.write_text("start_rad = { uniform = [-0.1, 0.1] }\nactuator_delay_s = 0.002")
-    scores = []
-    run(RunConfig(cycles=2, randomize=str(path), out=tmp_path / "run"), on_cycle=scores.append)
-    for score in scores:
-        q = score.record.series["qpos"][0, :6]
-        assert score.success
-        assert score.conditions["returned"]
-        np.testing.assert_allclose(q, score.record.drawn["start_rad"], atol=1e-3)
+    out, _ = run(RunConfig(cycles=2, randomize=str(path), out=tmp_path / "run"))
+    for line in read_lines(out):
+        q = load_series(out / "cycles" / f"{line['cycle']:04d}.npz")["qpos"][0, :6]
+        assert line["success"]
+        assert line["returned"]
+        np.testing.assert_allclose(q, line["drawn"]["start_rad"], atol=1e-3)

@@ -13,10 +13,11 @@ import trimesh
 
 from kr210_sim.config import RunConfig
 from kr210_sim.criteria import CONDITIONS
+from kr210_sim.episodes import load_world, plan_episodes, run_episode
 from kr210_sim.exceptions import BadInput
 from kr210_sim.record import SERIES, load_series
 from kr210_sim.resources import resource
-from kr210_sim.runner import load_world, plan_episodes, run, run_episode
+from kr210_sim.runner import run
 from kr210_sim.trajectory import MotionLimits
 
 
@@ -205,13 +206,14 @@ def test_failed_cycles_are_written_like_any_other(hasty_scene, tmp_path):
     assert (out / "episodes" / "0000" / "scene.xml").is_file()
 
 
+@pytest.mark.slow
 def test_an_interrupted_run_keeps_what_is_finished(hasty_scene, tmp_path):
     out = tmp_path / "run"
-    scores = []
+    lines = []
 
-    def interrupt(score):
-        scores.append(score)
-        if len(scores) == 2:
+    def interrupt(line):
+        lines.append(line)
+        if len(lines) == 2:
             raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
@@ -226,7 +228,7 @@ def test_an_episode_is_written_as_soon_as_it_is_finished(hasty_2x2, tmp_path):
     out = tmp_path / "run"
     seen: list[int] = []
 
-    def look(score):
+    def look(_line):
         path = out / "cycles.jsonl"
         seen.append(len(path.read_text().splitlines()) if path.exists() else 0)
 

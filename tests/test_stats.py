@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import pickle
+
 import numpy as np
 import pytest
 
-from kr210_sim.stats import count_reasons, pooled, spread, success_interval
+from kr210_sim.stats import Pool, histogram, spread, success_interval
 
 
 @pytest.mark.parametrize(
@@ -65,14 +67,35 @@ def test_an_unknown_name_is_an_error():
         spread([1.0], "median")
 
 
-def test_reasons_are_counted_most_frequent_first_and_successes_not_at_all():
-    reasons = ["no_path", None, "dropped", "timeout", "dropped", None]
-    assert list(count_reasons(reasons).items()) == [
-        ("dropped", 2), ("no_path", 1), ("timeout", 1)
-    ]  # fmt: skip
-    assert count_reasons([None, None]) == {}
+def pool_of(samples) -> Pool:
+    pool = Pool()
+    for values in samples:
+        pool.add(spread(values, "mean", "p99", "max"), histogram(values))
+    return pool
 
 
-def test_samples_are_pooled_in_order_and_nothing_pools_to_nothing():
-    np.testing.assert_array_equal(pooled([np.array([1.0]), np.empty(0), np.array([2.0])]), [1, 2])
-    assert len(pooled([])) == 0
+@pytest.mark.parametrize("scale", [1e-16, 1e-4, 1.0])
+def test_points_of_many_cycles_are_pooled_to_what_they_are_together(scale):
+    rng = np.random.default_rng(31)
+    samples = [scale * rng.lognormal(size=rng.integers(0, 400)) for _ in range(50)]
+    names = ("mean", "p50", "p95", "p99", "max")
+    pooled, exact = pool_of(samples).spread(*names), spread(np.concatenate(samples), *names)
+    assert pooled["max"] == exact["max"]
+    assert pooled["mean"] == pytest.approx(exact["mean"], rel=1e-12, abs=0)
+    for name in names:
+        assert pooled[name] == pytest.approx(exact[name], rel=0.045, abs=0), name
+
+
+def test_zeros_are_points_too_and_no_points_pool_to_nothing():
+    assert pool_of([np.zeros(99), [4.0]]).spread("mean", "p95", "max") == {
+        "mean": 0.04, "p95": 0.0, "max": 4.0
+    }  # fmt: skip
+    assert pool_of([[], []]).spread("mean", "max") == {"mean": None, "max": None}
+
+
+def test_a_pool_takes_no_more_memory_with_more_points():
+    few, many = (
+        pool_of(np.random.default_rng(seed).uniform(1e-6, 1e-3, 500) for seed in range(count))
+        for count in (20, 200)
+    )
+    assert len(pickle.dumps(many)) <= 1.2 * len(pickle.dumps(few))

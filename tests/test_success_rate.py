@@ -7,18 +7,19 @@ import pytest
 
 from kr210_sim.config import RunConfig
 from kr210_sim.criteria import CONDITIONS
+from kr210_sim.results import read_lines
 from kr210_sim.runner import run
 from kr210_sim.summary import HEADER, cycle_line, summary_text
 
 
-def table_of(scores, summary) -> str:
+def table_of(out, summary) -> str:
     """Return the table of a run, with the first cause under every failed cycle."""
-    return "\n".join([HEADER, *map(cycle_line, scores), summary_text(summary)])
+    return "\n".join([HEADER, *map(cycle_line, read_lines(out)), summary_text(summary)])
 
 
 def test_ten_of_ten_default_cycles_succeed(default_run):
     assert len(default_run.scores) == 10
-    table = table_of(default_run.scores, default_run.summary)
+    table = table_of(default_run.out, default_run.summary)
     assert default_run.summary["succeeded"] == 10, f"first causes in the table:\n{table}"
     assert default_run.summary["passed"]
 
@@ -35,9 +36,8 @@ def test_ten_of_ten_default_cycles_succeed(default_run):
     ids=str,
 )
 def test_every_cycle_of_other_runs_succeeds_too(tmp_path, options):
-    scores = []
-    _, summary = run(RunConfig(out=tmp_path / "run", **options), on_cycle=scores.append)
-    table = table_of(scores, summary)
+    out, summary = run(RunConfig(out=tmp_path / "run", **options))
+    table = table_of(out, summary)
     assert summary["succeeded"] == summary["cycles"] == options.get("cycles", 10), table
     assert summary["ik_offset_m"]["max"] <= 1e-12
     assert summary["tracking_offset_m"]["max"] <= 2e-3

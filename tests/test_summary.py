@@ -8,7 +8,7 @@ import json
 import numpy as np
 import pytest
 
-from kr210_sim.gates import Gates
+from kr210_sim.config import RunConfig
 from kr210_sim.record import CycleRecord, Event
 from kr210_sim.score import score_cycle
 from kr210_sim.summary import HEADER, cycle_line, summarize, summary_text
@@ -23,15 +23,18 @@ KEYS = {
 
 @pytest.fixture
 def summary_of(limits):
-    def make(scores, min_success=0.8, **others):
+    def make(scores, min_success=0.8, *, requested=None, notes=(), lost=(), **gates):
+        lines = [score.as_json() for score in scores]
         return summarize(
-            scores,
-            seed=5,
-            gates=Gates(min_success=min_success, **others),
-            clearance=0.02,
+            iter(lines),
+            config=RunConfig(
+                seed=5, cycles=requested or len(lines) or 1, min_success=min_success, **gates
+            ),
             limits=limits,
-            notes=(),
+            notes=notes,
             wall_time_s=2.0,
+            simulated_s=9.0,
+            lost_workers=lost,
         )
 
     return make
@@ -153,8 +156,15 @@ def test_offsets_are_pooled_over_all_points(summary_of, good_cycle):
 
 
 def test_the_simulated_time_over_the_wall_time_is_the_real_time_factor(summary_of, good_cycle):
-    simulated = good_cycle.record.series["time"][-1]
-    assert summary_of([good_cycle] * 3)["realtime_factor"] == pytest.approx(3 * simulated / 2.0)
+    assert summary_of([good_cycle] * 3)["realtime_factor"] == 4.5
+    assert good_cycle.as_json()["simulated_s"] == good_cycle.record.series["time"][-1]
+
+
+def test_a_run_that_is_not_complete_has_not_passed(summary_of, good_cycle):
+    assert summary_of([good_cycle] * 3)["complete"]
+    part = summary_of([good_cycle] * 3, requested=4)
+    assert (part["complete"], part["requested_cycles"], part["passed"]) == (False, 4, False)
+    assert "3 of 4 cycles are finished" in summary_text(part)
 
 
 @pytest.mark.parametrize("scores", ["none", "failed"])
@@ -176,14 +186,14 @@ def test_no_cycles_have_no_rate(summary_of):
 
 
 def test_the_table_has_a_column_under_every_heading(good_cycle):
-    line = cycle_line(good_cycle)
+    line = cycle_line(good_cycle.as_json())
     assert len(line) <= len(HEADER) + 1
     assert "success" in line
     assert str(good_cycle.record.seed) in line
 
 
 def test_a_failed_cycle_shows_its_first_cause(failed):
-    first, second = cycle_line(failed("no_path")).split("\n")
+    first, second = cycle_line(failed("no_path").as_json()).split("\n")
     assert "no_path" in first
     assert "MOVE_TO_PICK" in second
     assert "no way in" in second
@@ -191,13 +201,20 @@ def test_a_failed_cycle_shows_its_first_cause(failed):
 
 def test_nothing_that_is_not_there_is_printed_as_a_number(summary_of, failed):
     for text in (
-        cycle_line(failed("no_path")),
+        cycle_line(failed("no_path").as_json()),
         summary_text(summary_of([failed("no_path")])),
         summary_text(summary_of([])),
     ):
         assert "nan" not in text.lower()
         assert "None" not in text
         assert "0.0e+00" not in text
+
+
+def test_the_text_has_the_notes_and_the_workers_that_were_lost(summary_of, good_cycle):
+    loss = {"episode": 3, "attempt": 1, "cause": "killed by signal 9"}
+    text = summary_text(summary_of([good_cycle], notes=["link_3 is light"], lost=[loss]))
+    assert "link_3 is light" in text
+    assert "episode 3, attempt 1: killed by signal 9" in text
 
 
 def test_the_text_says_the_rate_its_interval_and_the_gate(summary_of, good_cycle):
