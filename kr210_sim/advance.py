@@ -1,57 +1,117 @@
-"""Conservative advancement: a whole path of configurations proved free from looks at a few."""
+"""Conservative advancement: whole paths of configurations proved free from looks at a few."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from typing import TypeAlias
 
 import numpy as np
+from numpy.typing import NDArray
 
 from kr210_sim.arrays import Array
 
-_AT_ONCE = 16
+_AT_ONCE = 64
 """Configurations looked at together, at most: fewer calls, but more of them than needed."""
 
 _PARTS = 3
-"""Configurations looked at to begin with."""
+"""Configurations of each path looked at to begin with."""
+
+_MOST_PARTS, _MOST_PARTS_ALONE = 8, 2
+"""Configurations looked at next in a stretch that is not yet proved, at most: more calls are saved
+than looks are lost, but for a path that is asked for alone, as sampling does, mostly in vain."""
+
+_EXPECT = 0.6
+"""Configurations looked at next per length that a look has proved beside what it has not."""
 
 _CAUTION = 0.9
 """What is taken of a reach that must be found by trial, where a path bends."""
 
-Look = Callable[[Array], Array | None]
+Look: TypeAlias = Callable[[Array], Array | None]
 """Looks at configurations (B, 6). Returns weights w (B, P, 6) [1/rad]: from there, nothing can come
 too near while each joint travels |dq| with w |dq| <= 1 in all rows; None if one is too near."""
+
+LookEach: TypeAlias = Callable[[Array, NDArray[np.int64]], tuple[Array, NDArray[np.bool_]]]
+"""Looks at configurations (B, 6), each of the path with an index (B,). Returns weights as `Look`
+does, and (B,) whether each is too near; the weights of those that are do not count."""
 
 
 def advance(q: Array, look: Look) -> bool:
     """Tell whether the polyline through configurations (N, 6) is free, all between them included.
 
-    Every look proves a stretch to both sides of itself, and the middle of what is not yet proved
-    is looked at next: coarse first, so that a blocked path is refused early.
+    Every look proves a stretch to both sides of itself, and what is not yet proved is looked at
+    next: coarse first, so that a blocked path is refused early.
     """
+
+    def look_each(q: Array, _: NDArray[np.int64]) -> tuple[Array, NDArray[np.bool_]]:
+        weights = look(q)
+        if weights is None:
+            return np.zeros((len(q), 1, 6)), np.ones(len(q), dtype=bool)
+        return weights, np.zeros(len(q), dtype=bool)
+
+    return bool(advance_each([q], look_each)[0])
+
+
+def advance_each(paths: Sequence[Array], look: LookEach) -> NDArray[np.bool_]:
+    """Tell of each of some polylines (N, 6) whether it is free, as `advance` does of one.
+
+    They are looked at together. One that turns out to be blocked is not looked at any more.
+    """
+    if not paths:
+        return np.ones(0, dtype=bool)
+    q = np.concatenate(paths)  # positions count through all of them, stretches never span two
+    count = np.array([len(path) for path in paths])
+    last = np.cumsum(count) - 1
     travel = np.zeros_like(q)
     np.cumsum(np.abs(np.diff(q, axis=0)), axis=0, out=travel[1:])
-    parts = np.linspace(0.0, len(q) - 1.0, _PARTS + 1 if len(q) > 1 else 2)
-    waiting = np.stack([parts[:-1], parts[1:]], axis=1)
+    free = np.ones(len(paths), dtype=bool)
+    most = _MOST_PARTS if len(paths) > 1 else _MOST_PARTS_ALONE
+    parts = np.where(count > 1, _PARTS, 1)
+    ends = np.stack([last + 1.0 - count, last], axis=1)
+    waiting, owner = _divided(ends, parts, np.arange(len(paths)))
     while len(waiting):
         ends, waiting = waiting[:_AT_ONCE], waiting[_AT_ONCE:]
-        middle = np.mean(ends, axis=1)
-        weights = look(_at(q, middle))
-        if weights is None:
-            return False
+        which, owner = owner[:_AT_ONCE], owner[_AT_ONCE:]
+        middle = (ends[:, 0] + ends[:, 1]) / 2
+        weights, near = look(_at(q, middle), which)
+        if np.any(near):
+            free[which[near]] = False
+            goes_on, still = free[which], free[owner]
+            waiting, owner = waiting[still], owner[still]
+            weights, middle, ends, which = (x[goes_on] for x in (weights, middle, ends, which))
         reached = _reached(travel, weights, middle, ends)
         left = np.stack([np.minimum(reached, ends), np.maximum(reached, ends)], axis=2)
-        waiting = np.concatenate([waiting, left[reached != ends]])
-    return True
+        # What a look reached there it will reach about again.
+        further = np.abs(ends - reached) / np.maximum(np.abs(reached - middle[:, None]), 1e-12)
+        is_left = reached != ends
+        parts = np.clip(np.ceil(_EXPECT * further[is_left]), 1, most).astype(np.int64)
+        more, whose = _divided(left[is_left], parts, np.repeat(which[:, None], 2, axis=1)[is_left])
+        waiting, owner = np.concatenate([waiting, more]), np.concatenate([owner, whose])
+    return free
+
+
+def _divided(
+    ends: Array, parts: NDArray[np.int64], owner: NDArray[np.int64]
+) -> tuple[Array, NDArray[np.int64]]:
+    """Return stretches (W, 2) that divide each of some (K, 2) into parts, and their owners."""
+    index = np.repeat(np.arange(len(ends)), parts)
+    number = np.arange(len(index)) - np.repeat(np.cumsum(parts) - parts, parts)
+    begin, end = ends[index].T
+    lower = begin + (end - begin) * (number / parts[index])
+    upper = begin + (end - begin) * ((number + 1) / parts[index])
+    upper = np.where(number + 1 == parts[index], end, upper)
+    return np.stack([lower, upper], axis=1), owner[index]
 
 
 def _reached(travel: Array, weights: Array, middle: Array, ends: Array) -> Array:
-    """Return how far looks from the middle (B,) prove the polyline towards both ends (B, 2)."""
+    """Return how far looks from the middle (B,) prove the polylines towards both ends (B, 2)."""
     origin = _at(travel, middle)[:, None]
+    aside = ends - middle[:, None]
+    transposed = np.swapaxes(weights, 1, 2)
     share = np.ones(ends.shape)
     while True:
-        reached = middle[:, None] + share * (ends - middle[:, None])
+        reached = middle[:, None] + share * aside
         spent = np.abs(_at(travel, reached) - origin)
-        used = np.max(spent @ np.swapaxes(weights, 1, 2), axis=2)
+        used = np.max(spent @ transposed, axis=2, initial=0.0)
         if np.all(used <= 1.0):
             return np.where(share == 1.0, ends, reached)
         # At once on a straight piece; where the path bends it takes a few trials.
@@ -60,7 +120,7 @@ def _reached(travel: Array, weights: Array, middle: Array, ends: Array) -> Array
 
 
 def _at(rows: Array, position: Array) -> Array:
-    """Return the points (..., 6) of the polyline at positions (...) in [0, N - 1]."""
+    """Return the points (..., 6) of the polylines at positions (...) in [0, N - 1]."""
     index = np.minimum(position.astype(np.int64), max(len(rows) - 2, 0))
     share = (position - index)[..., None]
     return np.asarray(

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from typing import TypeAlias
+
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
@@ -9,12 +12,11 @@ from numpy.typing import NDArray
 from kr210_sim.arrays import Array
 
 _BOX = int(mujoco.mjtGeom.mjGEOM_BOX)
+_ALONG = 1e-6  # largest cosine between axes that count as at right angles
 _WORTHWHILE = 0.05
 """A lower bound this much above what is required is as good as the distance [m]."""
-
-
-FAR = 0.2
-"""Bounds larger than this need not be tight [m]."""
+Bounds: TypeAlias = tuple[NDArray[np.int64], NDArray[np.int64], Array]
+"""Rows of configurations (n,), pairs (n,) by their row in `geoms`, lower bounds (n,) [m]."""
 
 
 class BoxPairs:
@@ -31,7 +33,7 @@ class BoxPairs:
     """
 
     def __init__(
-        self, model: mujoco.MjModel, data: mujoco.MjData, group: NDArray[np.int64]
+        self, model: mujoco.MjModel, data: mujoco.MjData, group: NDArray[np.int64], far: float
     ) -> None:
         """Find the pairs.
 
@@ -39,8 +41,9 @@ class BoxPairs:
             model: the world.
             data: its state, from which the poses of what is fixed are taken.
             group: (ngeom,) 0 what is fixed, else the number of joints before it, plus 1.
+            far: pairs further apart do not count [m].
         """
-        self._model, self._data = model, data
+        self._model, self._far = model, far
         self.is_box = model.geom_type == _BOX
         solid = self.is_box & ((model.geom_contype != 0) | (model.geom_conaffinity != 0))
         self._moving, self._fixed = (
@@ -56,51 +59,81 @@ class BoxPairs:
         self._asked = np.concatenate([_may_collide(model, with_fixed), _may_collide(model, links)])
         self.geoms = np.concatenate([with_fixed, links])
         rotation = data.geom_xmat[self._fixed].reshape(-1, 3, 3)
-        self._rotation = np.moveaxis(rotation, 1, 0)
-        self._offset = np.einsum("fi,fij->fj", data.geom_xpos[self._fixed], rotation)
-        self._half = model.geom_size[self._fixed]
-        self._radius = model.geom_rbound[self._moving][:, None]
-        # Fixed boxes by body: most bodies are far away, and so are then all their boxes.
+        center = data.geom_xpos[self._fixed]
+        reach = np.einsum("fij,fj->fi", np.abs(rotation), model.geom_size[self._fixed])
+        self._center, self._reach = center.T, reach.T
+        # Most bodies are far from most links, and so are then all their boxes.
         body = model.geom_bodyid[self._fixed]
-        self._bodies = [np.flatnonzero(body == number) for number in np.unique(body)]
-        reach = np.einsum("fij,fj->fi", np.abs(rotation), self._half)
-        lower, upper = (data.geom_xpos[self._fixed] + sign * reach for sign in (-1, 1))
-        self._lower = np.array([np.min(lower[boxes], axis=0) for boxes in self._bodies])
-        self._upper = np.array([np.max(upper[boxes], axis=0) for boxes in self._bodies])
+        alike = [body == number for number in np.unique(body)]
+        self._lower, self._upper = (
+            np.array([choose((center + sign * reach)[b], axis=0) for b in alike]).reshape(-1, 3)
+            for choose, sign in ((np.min, -1), (np.max, 1))
+        )
+        # Those that are not along the axes of the world are smaller than the boxes around them.
+        self._turned = np.max(np.sort(np.abs(rotation), axis=2)[:, :, 1], axis=1) > _ALONG
+        self._rotation, self._half = rotation, model.geom_size[self._fixed]
+        self._radius = model.geom_rbound[self._moving]
+        self._radii = np.sum(model.geom_rbound[self.geoms[self._count :]], axis=1)
 
-    def bounds(self, position: Array) -> Array:
-        """Return lower bounds (B, P) of the distances [m], inf for pairs that do not count.
+    def bounds(self, position: Array) -> Bounds:
+        """Return lower bounds of the distances of the pairs for which they are less than `far`.
 
         Args:
             position: (B, ngeom, 3) of the geoms [m].
         """
-        center = position[:, self._moving]
-        fixed = np.empty((*center.shape[:2], len(self._fixed)))
-        for boxes, lower, upper in zip(self._bodies, self._lower, self._upper, strict=True):
-            found = _length(np.maximum(np.maximum(lower - center, center - upper), 0.0))
-            fixed[:, :, boxes] = (found - self._radius[:, 0])[:, :, None]
-            if np.min(fixed[:, :, boxes[0]]) < FAR:
-                local = center @ self._rotation[:, boxes].reshape(3, -1)
-                local = local.reshape(*center.shape[:2], -1, 3)
-                outside = np.abs(local - self._offset[boxes]) - self._half[boxes]
-                fixed[:, :, boxes] = _length(np.maximum(outside, 0.0)) - self._radius
+        row, pair, found = self._from_fixed(position[:, self._moving])
         one, other = self.geoms[self._count :].T
-        radii = self._model.geom_rbound[one] + self._model.geom_rbound[other]
-        links = _length(position[:, one] - position[:, other]) - radii
-        found = np.concatenate([fixed.reshape(len(position), -1), links], axis=1)
-        return np.where(self._asked, found, np.inf)
+        links = _length(position[:, one] - position[:, other]) - self._radii
+        at, link = np.nonzero((links < self._far) & self._asked[self._count :])
+        return (
+            np.concatenate([row, at]),
+            np.concatenate([pair, self._count + link]),
+            np.concatenate([found, links[at, link]]),
+        )
 
-    def sharpen(self, bounds: Array, required: Array) -> None:
-        """Replace lower bounds (P,) that are not far above what is required by the distances.
+    def _from_fixed(self, center: Array) -> Bounds:
+        """Return the bounds for balls around the moving boxes (B, M, 3) and the fixed ones."""
+        aside = np.maximum(self._lower - center[:, :, None], center[:, :, None] - self._upper)
+        near = _length(np.maximum(aside, 0.0)) - self._radius[:, None] < self._far
+        row, ball = np.nonzero(np.any(near, axis=2))
+        squared = np.zeros((len(row), len(self._fixed)))
+        for axis in range(3):
+            aside = np.abs(center[row, ball, axis, None] - self._center[axis])
+            aside -= self._reach[axis]
+            np.maximum(aside, 0.0, out=aside)
+            squared += np.multiply(aside, aside, out=aside)
+        index, box = np.nonzero(squared < ((self._far + self._radius) ** 2)[ball, None])
+        found = np.sqrt(squared[index, box])
+        row, ball = row[index], ball[index]
+        turned = np.flatnonzero(self._turned[box])
+        aside = center[row[turned], ball[turned]] - self._center.T[box[turned]]
+        local = np.abs(np.einsum("ni,nij->nj", aside, self._rotation[box[turned]]))
+        found[turned] = _length(np.maximum(local - self._half[box[turned]], 0.0))
+        pair, found = ball * len(self._fixed) + box, found - self._radius[ball]
+        keep = self._asked[pair] & (found < self._far)
+        return row[keep], pair[keep], found[keep]
+
+    def sharpen(
+        self, found: Bounds, required: Array, data: mujoco.MjData, poses: Sequence[Array]
+    ) -> None:
+        """Replace lower bounds that are not far above what is required by the distances, in place.
 
         Args:
-            bounds: of the configuration that `data` is in; changed in place [m].
-            required: (P,) of each pair [m].
+            found: by `bounds`.
+            required: (n,) of each of these pairs [m].
+            data: which poses are written to.
+            poses: position (B, ngeom, 3) [m] and rotation (B, ngeom, 9) of the geoms.
         """
-        model, data = self._model, self._data
-        for pair in np.flatnonzero(bounds < required + _WORTHWHILE):
-            one, other = self.geoms[pair].tolist()
-            bounds[pair] = mujoco.mj_geomDistance(model, data, one, other, 1.0, None)
+        rows, pairs, bounds = found
+        asked = np.flatnonzero(bounds < required + _WORTHWHILE)
+        asked = asked[np.argsort(rows[asked], kind="stable")]
+        geoms = self.geoms[pairs[asked]].tolist()
+        posed = -1
+        for index, row, (one, other) in zip(asked, rows[asked].tolist(), geoms, strict=True):
+            if row != posed:
+                data.geom_xpos[:], data.geom_xmat[:] = poses[0][row], poses[1][row]
+                posed = row
+            bounds[index] = mujoco.mj_geomDistance(self._model, data, one, other, 1.0, None)
 
 
 def _length(x: Array) -> Array:

@@ -41,7 +41,7 @@ def least_clearance(legs: Sequence[Leg], trajectory: Trajectory, gauge: Gauge) -
         if stage not in FREE_STAGES:
             continue
         count = max(2, int(np.ceil((end - begin) / _STEP)) + 1)
-        q = trajectory(np.linspace(begin, end, count))[0]
+        q = trajectory.positions(np.linspace(begin, end, count))
         found[stage] = min(found.get(stage, np.inf), gauge.least(q, hand=hand))
     return found
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from enum import Enum
 from itertools import pairwise
@@ -47,6 +48,21 @@ class Hand(Enum):
     RELEASED = "open, the target gone"
 
 
+@dataclass(frozen=True, kw_only=True)
+class Question:
+    """Whether a path keeps a clearance.
+
+    Attributes:
+        q: (N, 6) configurations; the path is the polyline through them [rad].
+        hand: what the gripper and the target do meanwhile.
+        clearance: to keep to everything else [m].
+    """
+
+    q: Array
+    hand: Hand
+    clearance: float
+
+
 class ClearanceOracle(Protocol):
     """What planning asks of the world."""
 
@@ -56,6 +72,10 @@ class ClearanceOracle(Protocol):
         The path is the polyline through configurations (N, 6), the straight pieces included.
         """
         ...
+
+    def blocked_each(self, questions: Sequence[Question]) -> list[str | None]:
+        """Return what `blocked` does, of each of some paths."""
+        return [self.blocked(one.q, hand=one.hand, clearance=one.clearance) for one in questions]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -113,11 +133,54 @@ class Wanted:
     clearance: float
     is_move: bool = False
 
+    @property
+    def key(self) -> tuple[str, bytes]:
+        """What tells it from other wishes of one cycle."""
+        return self.stage, self.q.tobytes()
+
+    def asks(self, q: Array) -> Question:
+        """Return whether a path (N, 6) does as a path for this wish."""
+        return Question(q=q, hand=self.hand, clearance=self.clearance)
+
     @classmethod
     def move(cls, stage: str, q_from: Array, q_to: Array, hand: Hand, clearance: float) -> Wanted:
         """Return the wish for a joint move between two configurations (6,)."""
         q = np.array([q_from, q_to])
         return cls(stage=stage, q=q, hand=hand, clearance=clearance, is_move=True)
+
+
+class _Search:
+    """The ways to fulfil a wish, tried one after the other."""
+
+    def __init__(self, wanted: Wanted, ways: Iterator[Array]) -> None:
+        self.wanted, self._ways = wanted, ways
+        self._way: Array | None = None
+        self._tried, self._what = 0, "a joint limit"
+
+    def next_way(self) -> None:
+        """Go on to the next way."""
+        self._way = next(self._ways, None)
+        self._tried += 1
+
+    def questions(self) -> list[Question]:
+        """Return what to ask: the way, and about both ends of a move once one was blocked."""
+        ends = self.wanted.q[:, None] if self.wanted.is_move and self._tried == 2 else ()
+        way = () if self._way is None else (self._way,)
+        return [self.wanted.asks(q) for q in (*ends, *way)]
+
+    def outcome(self, answers: Sequence[str | None]) -> Array | Blocked | None:
+        """Return the way (N, 6) if it is free, what blocks all of them, or None to go on."""
+        stage = self.wanted.stage
+        if len(answers) > 1:
+            for name, what in zip(("start", "end"), answers, strict=False):
+                if what:
+                    return Blocked(stage=stage, what=f"{what} already at the {name}")
+        if self._way is None:
+            return Blocked(stage=stage, what=self._what, final=not self.wanted.is_move)
+        if answers[-1] is None:
+            return self._way
+        self._what = answers[-1]
+        return None
 
 
 class LegFinder:
@@ -137,10 +200,21 @@ class LegFinder:
 
     def find(self, wanted: Wanted) -> list[Leg] | Blocked:
         """Return the legs that fulfil a wish, or what blocks it; nothing is sampled yet."""
-        key = (wanted.stage, wanted.q.tobytes())
-        if key not in self._found:
-            self._found[key] = self._move(wanted) if wanted.is_move else self._line(wanted)
-        return self._found[key]
+        return self.find_each([wanted])[0]
+
+    def find_each(self, wishes: Sequence[Wanted]) -> list[list[Leg] | Blocked]:
+        """Return what `find` does of each wish, up to the first that is known to be blocked.
+
+        All that is not known yet is asked together, which takes a fraction of the time.
+        """
+        worth_asking: list[Wanted] = []
+        for wanted in wishes:
+            worth_asking.append(wanted)
+            known = self._found.get(wanted.key)
+            if isinstance(known, Blocked) and known.final:
+                break
+        self._search([wanted for wanted in worth_asking if wanted.key not in self._found])
+        return [self._found[wanted.key] for wanted in worth_asking]
 
     def sample(self, wanted: Wanted) -> list[Leg] | Blocked:
         """Return the legs of a move by sampling if `find` has no answer that is final."""
@@ -148,39 +222,48 @@ class LegFinder:
         if not isinstance(known, Blocked) or known.final:
             return known
         answer = self._sampled(wanted, known)
-        self._found[wanted.stage, wanted.q.tobytes()] = answer
+        self._found[wanted.key] = answer
         return answer
 
-    def _line(self, wanted: Wanted) -> list[Leg] | Blocked:
-        if what := self._near(wanted.q, wanted):
-            return Blocked(stage=wanted.stage, what=what)
-        return [_leg(wanted, Path.through(wanted.q, self._robot.velocity))]
+    def _search(self, wishes: Sequence[Wanted]) -> None:
+        """Find lines, and of each move the straight one if it is free, else the least detour."""
+        searches = [_Search(wanted, self._ways(wanted)) for wanted in wishes]
+        while searches:
+            for search in searches:
+                search.next_way()
+            questions = [question for search in searches for question in search.questions()]
+            answers = iter(self._oracle.blocked_each(questions))
+            for search in searches:
+                wanted = search.wanted
+                outcome = search.outcome([next(answers) for _ in search.questions()])
+                if isinstance(outcome, Blocked):
+                    self._found[wanted.key] = outcome
+                elif outcome is not None:
+                    self._found[wanted.key] = self._legs(outcome, wanted)
+            searches = [search for search in searches if search.wanted.key not in self._found]
 
-    def _move(self, wanted: Wanted) -> list[Leg] | Blocked:
-        """Return the straight move if it is free, else the least detour that is."""
+    def _ways(self, wanted: Wanted) -> Iterator[Array]:
+        """Yield the paths (N, 6) to try, the best first."""
+        if not wanted.is_move:
+            yield wanted.q
+            return
         q_from, q_to = wanted.q
-        bulges = self._bulges(q_from, q_to)
-        what: str | None = "a joint limit"
+        bulges = None
         for inward, upward in DETOURS:
-            via = (q_from + q_to) / 2 + inward * bulges[0] + upward * bulges[1]
+            via = (q_from + q_to) / 2
             is_straight = not (inward or upward)
-            if not np.all(ik.within_limits(via, self._robot.lower, self._robot.upper)):
-                continue
-            # The trajectory rounds a corner only as far as its inside is free, too.
-            corners = np.array([q_from, q_to] if is_straight else [q_from, via, q_to])
-            what = self._near(corners, wanted)
-            if what is None:
-                return self._straight(corners, wanted)
-            if is_straight and (ends := self._blocked_end(wanted)):
-                return ends
-        return Blocked(stage=wanted.stage, what=str(what), final=False)
+            if not is_straight:
+                bulges = self._bulges(q_from, q_to) if bulges is None else bulges
+                via += inward * bulges[0] + upward * bulges[1]
+            if np.all(ik.within_limits(via, self._robot.lower, self._robot.upper)):
+                # The trajectory rounds a corner only as far as its inside is free, too.
+                yield wanted.q if is_straight else np.array([q_from, via, q_to])
 
-    def _blocked_end(self, wanted: Wanted) -> Blocked | None:
-        """Return what is too close at the start or the end of a move, if anything is."""
-        for name, q in zip(("start", "end"), wanted.q, strict=True):
-            if what := self._near(q[None], wanted):
-                return Blocked(stage=wanted.stage, what=f"{what} already at the {name}")
-        return None
+    def _legs(self, q: Array, wanted: Wanted) -> list[Leg]:
+        """Return the legs along a path (N, 6) that is free."""
+        if wanted.is_move:
+            return self._straight(q, wanted)
+        return [_leg(wanted, Path.through(q, self._robot.velocity))]
 
     def _sampled(self, wanted: Wanted, blocked: Blocked) -> list[Leg] | Blocked:
         """Return a move that goes around what blocked the cheap ones."""

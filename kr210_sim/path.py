@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+from functools import cached_property
+from typing import Protocol
+
 import numpy as np
-from scipy.interpolate import BSpline, make_interp_spline
+from scipy.interpolate import make_interp_spline
 
 from kr210_sim.arrays import Array
 
@@ -18,6 +21,31 @@ _KNOTS = 60  # samples that the reparametrised spline passes through
 _NOWHERE = 1e-12  # length up to which a path goes nowhere [s]
 
 
+class _Curve(Protocol):
+    """q(s), as scipy's splines."""
+
+    def __call__(self, s: Array) -> Array:
+        """Return q (N, 6) at s (N,)."""
+        ...
+
+    def derivative(self) -> _Curve:
+        """Return dq/ds."""
+        ...
+
+
+class _Line:
+    """A straight line through joint space."""
+
+    def __init__(self, start: Array, direction: Array) -> None:
+        self._start, self._direction = start, direction
+
+    def __call__(self, s: Array) -> Array:
+        return np.asarray(self._start + np.asarray(s)[:, None] * self._direction)
+
+    def derivative(self) -> _Curve:
+        return _Line(self._direction, np.zeros_like(self._direction))
+
+
 class Path:
     """A curve q(s) through joint space, s in [0, length].
 
@@ -28,7 +56,7 @@ class Path:
         length: [s]; 0 for a path that goes nowhere.
     """
 
-    def __init__(self, curve: BSpline, length: float) -> None:
+    def __init__(self, curve: _Curve, length: float) -> None:
         self._derivatives = [curve]
         for _ in range(3):
             self._derivatives.append(self._derivatives[-1].derivative())
@@ -39,9 +67,7 @@ class Path:
         """Return the straight joint line between two configurations (6,) [rad]."""
         length = float(np.sum(np.abs((q_end - q_start) / velocity) ** _NORM) ** (1 / _NORM))
         length = length if length > _NOWHERE else 0.0
-        share = np.linspace(0.0, 1.0, _DEGREE + 1)
-        points = q_start + share[:, None] * (q_end - q_start)
-        return cls(make_interp_spline(share * (length or 1.0), points, k=_DEGREE), length)
+        return cls(_Line(q_start, (q_end - q_start) / (length or 1.0)), length)
 
     @classmethod
     def through(cls, q: Array, velocity: Array) -> Path:
@@ -71,12 +97,16 @@ class Path:
         """Return the derivative of that order (0 to 3) of q with respect to s: (N,) -> (N, 6)."""
         return np.asarray(self._derivatives[order](s))
 
-    @property
+    def derivatives(self, s: Array) -> Array:
+        """Return the first three derivatives of q with respect to s: (N,) -> (3, N, 6)."""
+        return np.array([curve(s) for curve in self._derivatives[1:]])
+
+    @cached_property
     def start(self) -> Array:
         """First configuration (6,) [rad]."""
         return np.asarray(self(np.zeros(1))[0])
 
-    @property
+    @cached_property
     def end(self) -> Array:
         """Last configuration (6,) [rad]."""
         return np.asarray(self(np.array([self.length]))[0])

@@ -192,24 +192,33 @@ class CyclePlanner:
     def _time(self, q_from: Array, q_to: Array) -> Array:
         return ik.joint_time(q_from, q_to, self._robot.velocity)
 
+    def _line_times(self, tracks: list[Track]) -> Array:
+        """Return the joint time (N,) of the lines of each track [s]."""
+        counts = [len(track.q) for track in tracks]
+        q = np.concatenate([track.q for track in tracks])
+        times = self._time(q[:-1], q[1:])
+        times[np.cumsum(counts)[:-1] - 1] = 0.0  # from one track to the next
+        return np.add.reduceat(np.append(times, 0.0), np.cumsum([0, *counts[:-1]]))
+
     def _combine(self, ends: Ends, picks: list[Track], places: list[Track]) -> CyclePlan | Blocked:
         """Return the quickest free combination, or what blocked the one that got furthest."""
         pick_first = np.array([track.q[0] for track in picks])
         pick_last = np.array([track.q[-1] for track in picks])
         place_first = np.array([track.q[0] for track in places])
-        pick_lines = [np.sum(self._time(track.q[:-1], track.q[1:])) for track in picks]
-        place_lines = [np.sum(self._time(track.q[:-1], track.q[1:])) for track in places]
+        pick_lines, place_lines = self._line_times(picks), self._line_times(places)
         cost = (
             (self._time(ends[0], pick_first) + pick_lines)[:, None]
             + self._time(pick_last[:, None], place_first[None])
-            + (self._time(place_first, ends[1]) + 2 * np.array(place_lines))[None]
+            + (self._time(place_first, ends[1]) + 2 * place_lines)[None]
         )
         order = np.argsort(cost, axis=None, kind="stable")[:MAX_TRIALS]
         blocked: Blocked | None = None
         for sampling in (False, True):
             for pair in order:
                 i, j = divmod(int(pair), len(places))
-                outcome = self._legs_of(ends, picks[i], places[j], sampling=sampling)
+                # The first is mostly free; of the others, most are refused by their first legs.
+                ahead = not sampling and pair == order[0]
+                outcome = self._legs_of(ends, picks[i], places[j], sampling=sampling, ahead=ahead)
                 if not isinstance(outcome, Blocked):
                     return self._finish(outcome, picks[i], places[j])
                 blocked = _further(blocked, outcome)
@@ -217,7 +226,7 @@ class CyclePlanner:
         return blocked
 
     def _legs_of(
-        self, ends: Ends, pick: Track, place: Track, *, sampling: bool
+        self, ends: Ends, pick: Track, place: Track, *, sampling: bool, ahead: bool
     ) -> list[Leg] | Blocked:
         """Return all legs of a combination, or what blocks the first that is blocked.
 
@@ -226,10 +235,14 @@ class CyclePlanner:
             pick: the way to take the target.
             place: the way to release it.
             sampling: whether blocked moves are sampled, once everything else is free.
+            ahead: whether all legs are looked for at once, even if one is blocked.
         """
         legs: dict[str, list[Leg]] = {}
         waiting: list[Wanted] = []
-        for wanted in self._wishes(ends, pick, place):
+        wishes = self._wishes(ends, pick, place)
+        if ahead:
+            self._legs.find_each(wishes)
+        for wanted in wishes:
             answer = self._legs.find(wanted)
             if not isinstance(answer, Blocked):
                 legs[wanted.stage] = answer

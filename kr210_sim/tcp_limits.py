@@ -53,7 +53,7 @@ class TcpLimits:
             return 1.0
         count = max(4, int(np.ceil(trajectory.duration / _STEP)) + 1)
         t, step = np.linspace(0.0, trajectory.duration, count, retstep=True)
-        T_base_tcp = robot.forward(trajectory(t)[0])
+        T_base_tcp = robot.forward(trajectory.positions(t))
         velocity = np.diff(T_base_tcp[:, :3, 3], axis=0) / step
         fastest = float(np.max(np.linalg.norm(velocity, axis=1)))
         share = min(1.0, self.speed / fastest) if fastest > 0.0 else 1.0

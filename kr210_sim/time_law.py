@@ -49,3 +49,7 @@ class TimeLaw:
             a + dt * j,
             j,
         )
+
+    def position(self, t: Array) -> Array:
+        """Return the position (N,) alone."""
+        return self(t)[0]

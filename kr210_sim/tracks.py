@@ -9,6 +9,7 @@ from itertools import pairwise, product
 from typing import TypeAlias
 
 import numpy as np
+from numpy.typing import NDArray
 
 import ik
 from kr210_sim.arrays import Array
@@ -128,18 +129,8 @@ class TrackFinder:
         """
         reached = ~np.any(np.all(np.isnan(branches[..., 0]), axis=2), axis=1)
         steps = np.moveaxis(branches[reached], 1, 0)  # (N, K, 8, 6)
-        sequences = np.empty_like(steps)
-        sequences[anchor] = steps[anchor]
-        for order in (range(anchor + 1, len(steps)), range(anchor - 1, -1, -1)):
-            previous = steps[anchor]
-            for index in order:
-                step = steps[index][:, None, :, :] - previous[:, :, None, :]
-                step -= _TURN * np.round(step / _TURN)
-                size = np.max(np.abs(step), axis=3)
-                nearest = np.argmin(np.where(np.isnan(size), np.inf, size), axis=2)
-                step = np.take_along_axis(step, nearest[:, :, None, None], axis=2)
-                previous = previous + step[:, :, 0]
-                sequences[index] = previous
+        back, there = _nearest(steps[anchor::-1]), _nearest(steps[anchor:])
+        sequences = np.concatenate([back[:0:-1], there])
         if not sequences.size:
             return
         jump = np.max(np.abs(np.diff(sequences, axis=0)), axis=(0, 3))
@@ -148,19 +139,28 @@ class TrackFinder:
             self._problems.add("branch")
         polyline = np.flatnonzero(reached)
         where = np.nonzero(smooth)
-        for k, q in zip(where[0], self._turned(sequences[:, *where]), strict=True):
-            yield from ((int(polyline[k]), turned) for turned in q)
+        index, q = self._turned(sequences[:, where[0], where[1]])
+        yield from zip(polyline[where[0][index]].tolist(), q, strict=True)
 
-    def _turned(self, sequences: Array) -> Iterator[list[Array]]:
-        """Yield for each of the sequences (N, S, 6) its copies by whole turns within the limits."""
+    def _turned(self, sequences: Array) -> tuple[NDArray[np.int64], Array]:
+        """Return all copies of sequences (N, S, 6) by whole turns that are within the limits.
+
+        Returns:
+            (M,) which sequence each is a copy of, and the copies (M, N, 6), in order.
+        """
         low, high = np.min(sequences, axis=0), np.max(sequences, axis=0)
         first = np.ceil((self._robot.lower - low) / _TURN - 1e-9).astype(int)
         last = np.floor((self._robot.upper - high) / _TURN + 1e-9).astype(int)
         if np.any(last < first):
             self._problems.add("limits")
-        for index in range(sequences.shape[1]):
-            axes = (range(a, b + 1) for a, b in zip(first[index], last[index], strict=True))
-            yield [sequences[:, index] + _TURN * np.array(turns) for turns in product(*axes)]
+        found = [
+            (index, turns)
+            for index, (a, b) in enumerate(zip(first.tolist(), last.tolist(), strict=True))
+            for turns in product(*map(range, a, (end + 1 for end in b)))
+        ]
+        index = np.array([index for index, _ in found], dtype=np.int64)
+        turns = np.array([turns for _, turns in found], dtype=float).reshape(-1, 6)
+        return index, np.moveaxis(sequences, 0, 1)[index] + _TURN * turns[:, None]
 
     def _accept(self, q: Array) -> Iterator[Array]:
         """Yield a solver's answer (N, 6) if it is complete, continuous and within limits."""
@@ -172,6 +172,27 @@ class TrackFinder:
             self._problems.add("branch")
         else:
             yield q
+
+
+def _nearest(steps: Array) -> Array:
+    """Return the sequences (N, K, 8, 6) that go on from each branch to the nearest one.
+
+    Args:
+        steps: (N, K, 8, 6) the branches, NaN where there is none.
+    """
+    joints = np.ascontiguousarray(np.moveaxis(steps, 3, 0))  # (6, N, K, 8)
+    turn = joints[:, 1:, :, None, :] - joints[:, :-1, :, :, None]
+    turn -= _TURN * np.round(turn / _TURN)
+    size = np.max(np.abs(turn), axis=0)
+    nearest = np.argmin(np.where(np.isnan(size), np.inf, size), axis=3)  # (N - 1, K, 8)
+    turn = np.moveaxis(turn, 0, 4)
+    polyline, branch = np.ogrid[: steps.shape[1], : steps.shape[2]]
+    found = [steps[0]]
+    for of_all, chosen in zip(turn, nearest, strict=True):
+        after = chosen[polyline, branch]
+        found.append(found[-1] + of_all[polyline, branch, after])
+        branch = after
+    return np.array(found)
 
 
 def _answer(solver: Solver, T_base_palm: Array, q_start: Array) -> Array:

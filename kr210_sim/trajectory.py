@@ -103,6 +103,15 @@ class Trajectory:
         q, qd, qdd, _ = self.derivatives(t)
         return q, qd, qdd
 
+    def positions(self, t: Array) -> Array:
+        """Return q (N, 6) [rad] at times t (N,) [s]."""
+        q = np.tile(self.paths[0].start, (len(t), 1))
+        for path, law, start in zip(self.paths, self._laws, self.starts, strict=True):
+            begun = t > start
+            if np.any(begun):
+                q[begun] += path(law.position(t[begun] - start)) - path.start
+        return q
+
     def derivatives(self, t: Array) -> tuple[Array, Array, Array, Array]:
         """Return q and its first three derivatives, each (N, 6), at times t (N,) [s]."""
         t = np.asarray(t, dtype=float)
@@ -130,22 +139,21 @@ class Trajectory:
 
 
 def _along(path: Path, law: TimeLaw, t: Array) -> Array:
-    """Return q - q(0) and three derivatives (4, N, 6) of one motion at times t (N,) [s].
+    """Return q - q(0) and three derivatives (4, N, 6) of one motion at times t (N,) [s]."""
+    s = law.position(t)
+    return np.concatenate([(path(s) - path.start)[None], _rates(path, law, t)])
+
+
+def _rates(path: Path, law: TimeLaw, t: Array) -> Array:
+    """Return three derivatives of q (3, N, 6) of one motion at times t (N,) [s].
 
     The chain rule for q(s(t)), with q1, q2, q3 the derivatives along the path and ds, dds, ddds
     those of the time law; after its end a motion stays where it is.
     """
     s, ds, dds, ddds = (x[:, None] for x in law(t))
-    q1, q2, q3 = (path(s[:, 0], order) for order in (1, 2, 3))
+    q1, q2, q3 = path.derivatives(s[:, 0])
     ddds = np.where(t[:, None] < law.duration, ddds, 0.0)
-    return np.stack(
-        [
-            path(s[:, 0]) - path.start,
-            q1 * ds,
-            q1 * dds + q2 * ds**2,
-            q1 * ddds + 3 * q2 * ds * dds + q3 * ds**3,
-        ]
-    )
+    return np.array([q1 * ds, q1 * dds + q2 * ds**2, q1 * ddds + 3 * q2 * ds * dds + q3 * ds**3])
 
 
 def _around(times: Array) -> Array:
@@ -266,7 +274,7 @@ def _law(path: Path, limits: MotionLimits) -> TimeLaw:
     if path.length == 0.0:
         return TimeLaw(0.0, 1.0, 1.0, 1.0)
     grid = np.linspace(0.0, path.length, _GRID)
-    derivatives = np.stack([path(grid, order) for order in (1, 2, 3)])
+    derivatives = path.derivatives(grid)
     first, second, third = np.abs(derivatives)
     first = np.maximum(first, 1e-12)
     fastest, quickest, sharpest = (
@@ -360,6 +368,6 @@ def _fitted(path: Path, shape: tuple[float, float, float], limits: MotionLimits)
     v, a, j = shape
     law = TimeLaw(path.length, v, a, j)
     t = np.concatenate([np.linspace(0.0, law.duration, _SAMPLES), _around(law.changes)])
-    used = _usage(_along(path, law, t)[1:], limits)
+    used = _usage(_rates(path, law, t), limits)
     stretch = max(share ** (1 / order) for order, share in enumerate(used, start=1)) / _MARGIN
     return TimeLaw(path.length, v / stretch, a / stretch**2, j / stretch**3)

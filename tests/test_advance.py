@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from kr210_sim.advance import advance
+from kr210_sim.advance import advance, advance_each
 
 REACH = 2.0  # [m], of a point that every joint moves at most this far per radian
 
@@ -77,3 +77,30 @@ def test_what_is_far_from_everything_needs_few_looks_however_many_points_are_giv
         assert advance(q, field.look)
         looks.append(field.looks)
     assert max(looks) <= 4
+
+
+def test_paths_looked_at_together_have_the_verdicts_they_have_alone():
+    """Each in a field of its own, short and long ones, so that none answers for another."""
+    fields = [Field(seed, clearance=0.05) for seed in range(150)]
+    paths = [*walks(149), fields[149].centers[:1]]
+    alone = [advance(q, field.look) for q, field in zip(paths, fields, strict=True)]
+    blocked_at: dict[int, int] = {}
+    rounds = 0
+
+    def look(q: np.ndarray, which: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        nonlocal rounds
+        rounds += 1
+        assert all(blocked_at.get(path, rounds) == rounds for path in which.tolist())
+        weights, near = np.zeros((len(q), 1, 6)), np.zeros(len(q), dtype=bool)
+        for row, path in enumerate(which.tolist()):
+            found = fields[path].look(q[row : row + 1])
+            if found is None:
+                near[row] = True
+                blocked_at[path] = rounds  # and is not asked for again
+            else:
+                weights[row] = found
+        return weights, near
+
+    together = advance_each(paths, look)
+    assert together.tolist() == alone
+    assert 20 < sum(alone) < 130

@@ -13,7 +13,8 @@ import ik
 from kr210_sim.collision import MujocoOracle
 from kr210_sim.criteria import CLEARANCE_FREE
 from kr210_sim.cycle import _timed as timed_motion
-from kr210_sim.planning import CyclePlan, CyclePlanner, Hand, Leg
+from kr210_sim.legs import Question
+from kr210_sim.planning import ClearanceOracle, CyclePlan, CyclePlanner, Hand, Leg
 from kr210_sim.scene import ROBOT_PREFIX
 from kr210_sim.simulation import Simulation
 from kr210_sim.task import pick_options, place_options, release_point
@@ -136,7 +137,7 @@ def test_rounded_corners_keep_their_distance_at_instants_nobody_checked(
 
 
 def test_a_corner_that_is_blocked_is_not_rounded(plan, limits):
-    class Wall:
+    class Wall(ClearanceOracle):
         def blocked(self, q, *, hand, clearance):
             asked.append((hand, clearance))
             return "a wall"
@@ -274,6 +275,21 @@ def test_advancing_never_misses_what_a_dense_grid_finds(world, oracle, hand):
             assert measured >= min(dense) - 4e-3
     assert any(verdicts)
     assert not all(verdicts)
+
+
+def test_paths_asked_for_together_have_the_answers_they_have_one_by_one(oracle):
+    """Of all hands and clearances at once: none is judged by the rules of another."""
+    hands, clearances = list(Hand), (0.004, 0.02, 0.05)
+    questions = [
+        Question(q=q, hand=hands[index % 5], clearance=clearances[index % 3])
+        for index, q in enumerate([*random_moves(28, seed=54), np.zeros((1, 6)), np.zeros((5, 6))])
+    ]
+    together = oracle.blocked_each(questions)
+    alone = [oracle.blocked(one.q, hand=one.hand, clearance=one.clearance) for one in questions]
+    assert [what is None for what in together] == [what is None for what in alone]
+    assert 5 < sum(what is None for what in alone) < 25
+    assert oracle.blocked_each([]) == []
+    assert len({what.split(" within ")[0] for what in together if what}) > 2
 
 
 def test_the_answer_depends_on_the_path_not_on_how_many_points_draw_it(oracle):

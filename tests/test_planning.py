@@ -16,6 +16,7 @@ from kr210_sim.planning import (
     CLEARANCE_CELL,
     MAX_TRIALS,
     STOPS,
+    ClearanceOracle,
     CyclePlan,
     CyclePlanner,
     Hand,
@@ -59,7 +60,7 @@ def along(leg: Leg, share: np.ndarray = FINE) -> np.ndarray:
     return leg.path(share * leg.path.length)
 
 
-class Free:
+class Free(ClearanceOracle):
     """A world without obstacles that remembers what it was asked."""
 
     def __init__(self) -> None:

@@ -22,6 +22,7 @@ from kr210_sim.legs import (
     CYCLE_CONFIGURATIONS,
     SAMPLED_CONFIGURATIONS,
     Blocked,
+    ClearanceOracle,
     Hand,
     LegFinder,
     Wanted,
@@ -48,7 +49,7 @@ def wall(q: np.ndarray) -> bool:
     return not np.any(np.abs(q[:, 0] - 0.75) < 0.1)
 
 
-class World:
+class World(ClearanceOracle):
     """An oracle in joint space for what holds the target; everything else is free."""
 
     def __init__(self, free: Callable[[np.ndarray], bool], hand: Hand = Hand.HOLDING) -> None:
@@ -308,13 +309,13 @@ def test_a_scene_without_a_way_is_no_path_after_a_bounded_number_of_questions(
     tmp_path, monkeypatch
 ):
     asked = []
-    blocked = MujocoOracle.blocked
+    blocked_each = MujocoOracle.blocked_each
 
-    def counted(self, q, **options):
-        asked.append(len(q) == 1)
-        return blocked(self, q, **options)
+    def counted(self, questions):
+        asked.extend(len(question.q) == 1 for question in questions)
+        return blocked_each(self, questions)
 
-    monkeypatch.setattr(MujocoOracle, "blocked", counted)
+    monkeypatch.setattr(MujocoOracle, "blocked_each", counted)
     config = RunConfig(scene=str(NO_WAY), cycles=2, cell="8", out=tmp_path / "run")
     _, summary = run(config)
     assert summary["failures"] == {"no_path": 2}

@@ -1,0 +1,233 @@
+"""Configurations -> what MuJoCo finds near what, on a copy of the world that is made for asking."""
+
+from __future__ import annotations
+
+import copy
+from itertools import product
+from typing import Any
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from kr210_sim import pairs
+from kr210_sim.arrays import Array
+from kr210_sim.boxes import BoxPairs
+from kr210_sim.pairs import BASE, FIXED, FIXTURE, GROUPS, HAND, NEAR, NEAR_SELF, Seen
+from kr210_sim.scene import ROBOT_PREFIX, Scene, Target
+from kr210_sim.simulation import Simulation
+
+_CORNERS = np.array(list(product((-1.0, 1.0), repeat=3)))
+
+
+class Eyes:
+    """Sees what is near the arm, gripper and target at any configuration.
+
+    It works on its own copy of the model, with contact margins wide enough to see what is near,
+    and on the state of the world at the moment it is made.
+
+    Attributes:
+        looks: number of configurations looked at so far.
+        calls: number of times `see` was called.
+    """
+
+    def __init__(self, simulation: Simulation, scene: Scene, target: Target) -> None:
+        robot = scene.robot
+        self._model = model = copy.copy(simulation.model)
+        self._data = mujoco.MjData(model)
+        self._data.qpos[:] = simulation.data.qpos
+        self._data.qpos[simulation.addresses.fingers] = robot.open_positions
+        model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_MULTICCD
+        self._arm = simulation.addresses.arm
+        self._joints = np.array([model.joint(ROBOT_PREFIX + n).id for n in robot.arm_joints])
+        root = simulation.body_id(robot.root)
+        self._links = np.array([root, *model.jnt_bodyid[self._joints]])
+        self._tcp = int(model.site(ROBOT_PREFIX + "tcp").id)
+        first = int(model.joint(target.name).qposadr[0])
+        self._target = self._data.qpos[first : first + 7]
+        T = scene.T_world_base @ target.T_base_target
+        self._standing = np.empty(7)
+        _write_pose(self._standing, T[:3, 3], T[:3, :3].ravel())
+        self._role = _roles(simulation, scene, target)
+        self._group = _groups(model, self._links)
+        self._sort = self._role * GROUPS + self._group
+        mujoco.mj_kinematics(model, self._data)
+        self._boxes = BoxPairs(model, self._data, self._group, NEAR)
+        self._kind, self._pair = pairs.tables()
+        one, other = self._sort[self._boxes.geoms.T]
+        self._box_kind, self._box_pair = self._kind[:, one, other], self._pair[:, one, other]
+        is_target = self._role == pairs.TARGET
+        _collide_by_class(model, self._group >= BASE, is_target, self._boxes.is_box)
+        model.geom_margin[:] = np.where(self._group >= BASE, NEAR_SELF / 2, NEAR - NEAR_SELF / 2)
+        model.body_margin[:] = 0.0  # what the broad phase goes by
+        np.maximum.at(model.body_margin, model.geom_bodyid, model.geom_margin)
+        balls = [self._balls(held) for held in (False, True)]
+        self._centers, self._radii = (np.array(x) for x in zip(*balls, strict=True))
+        self.looks = self.calls = 0
+
+    def see(self, q: Array, hands: NDArray[np.int64], required: Array) -> Seen:
+        """Return what is near at some configurations.
+
+        Args:
+            q: (B, 6) [rad].
+            hands: (B,) what the gripper and the target do, by `pairs.HANDS`.
+            required: (B, 3) of each kind of pairs: distances are exact that are not far above [m].
+        """
+        self.looks += len(q)
+        self.calls += 1
+        data, held = self._data, pairs.HELD[hands]
+        fields = (
+            data.xpos, data.xmat, data.xanchor, data.xaxis, data.geom_xpos, data.geom_xmat
+        )  # fmt: skip
+        copies = [np.empty((len(q), *field.shape)) for field in fields]
+        geoms, distances = [], []
+        for index, row in enumerate(q):
+            data.qpos[self._arm] = row
+            self._pose(bool(held[index]))
+            for copied, field in zip(copies, fields, strict=True):
+                copied[index] = field
+            mujoco.mj_collision(self._model, data)
+            contact = data.contact
+            geoms.append(np.array(contact.geom))
+            distances.append(np.array(contact.dist))
+        position, rotation, anchor, axis, *poses = copies
+        position = position[:, self._links]
+        rotation = rotation[:, self._links].reshape(-1, 7, 3, 3)
+        centers = position + (rotation @ self._centers[held.astype(int)][..., None])[..., 0]
+        return Seen(
+            **self._found(geoms, distances, poses, hands, required),
+            centers=centers,
+            radii=self._radii[held.astype(int)],
+            anchor=anchor[:, self._joints],
+            axis=axis[:, self._joints],
+        )
+
+    def name(self, geom: int) -> str:
+        """Return the name of the body that a geom belongs to."""
+        return str(self._model.body(int(self._model.geom_bodyid[geom])).name or "world")
+
+    def _found(
+        self,
+        geoms: list[NDArray[np.int32]],
+        distances: list[Array],
+        poses: list[Array],
+        hands: NDArray[np.int64],
+        required: Array,
+    ) -> dict[str, NDArray[Any]]:
+        """Return row, geoms, kind, pair and distance of what is near.
+
+        Args:
+            geoms: (n, 2) of the contacts at each configuration.
+            distances: (n,) of these contacts [m].
+            poses: (B, ngeom, 3), (B, ngeom, 9) of the geoms.
+            hands: as for `see`.
+            required: as for `see`.
+        """
+        boxes = self._boxes
+        row = np.repeat(np.arange(len(geoms)), [len(some) for some in geoms])
+        touching, distance = np.concatenate(geoms), np.concatenate(distances)
+        # Contacts of boxes occur only in models of which `_collide_by_class` leaves the bits.
+        keep = ~np.all(boxes.is_box[touching], axis=1)
+        row, touching, distance = row[keep], touching[keep], distance[keep]
+        one, other = self._sort[touching.T]
+        box_row, box, bound = boxes.bounds(poses[0])
+        kind = self._box_kind[hands[box_row], box]
+        boxes.sharpen((box_row, box, bound), required[box_row, kind], self._data, poses)
+        return {
+            "row": np.concatenate([row, box_row]),
+            "geoms": np.concatenate([touching, boxes.geoms[box]]),
+            "kind": np.concatenate([self._kind[hands[row], one, other], kind]),
+            "pair": np.concatenate(
+                [self._pair[hands[row], one, other], self._box_pair[hands[box_row], box]]
+            ),
+            "distance": np.concatenate([distance, bound]),
+        }
+
+    def _pose(self, held: bool) -> None:
+        """Compute where everything is, the target in the hand or where it stands."""
+        model, data = self._model, self._data
+        if not held:
+            self._target[:] = self._standing
+        mujoco.mj_kinematics(model, data)
+        if held:
+            # The pick options all put the TCP on the target's centre, z along its axis.
+            _write_pose(self._target, data.site_xpos[self._tcp], data.site_xmat[self._tcp])
+            mujoco.mj_kinematics(model, data)
+
+    def _balls(self, held: bool) -> tuple[Array, Array]:
+        """Return balls around the boxes around the geoms of each group but the fixed.
+
+        Their centers (7, 3) are in the frame of the link that carries them, their radii (7,) [m].
+        """
+        model, data = self._model, self._data
+        group = np.where(self._role == pairs.TARGET, HAND if held else FIXED, self._group)
+        self._pose(held)
+        centers, radii = np.zeros((HAND, 3)), np.zeros(HAND)
+        solid = (model.geom_contype != 0) | (model.geom_conaffinity != 0)
+        for index, link in enumerate(self._links):
+            geoms = np.flatnonzero(solid & (group == BASE + index))
+            if not len(geoms):
+                continue
+            middle, half = model.geom_aabb[geoms, :3], model.geom_aabb[geoms, 3:]
+            corners = middle[:, None] + half[:, None] * _CORNERS
+            rotation = data.geom_xmat[geoms].reshape(-1, 1, 3, 3)
+            corners = (rotation @ corners[..., None])[..., 0] + data.geom_xpos[geoms][:, None]
+            corners = (corners.reshape(-1, 3) - data.xpos[link]) @ data.xmat[link].reshape(3, 3)
+            centers[index] = (np.min(corners, axis=0) + np.max(corners, axis=0)) / 2
+            radii[index] = np.sqrt(np.max(np.sum((corners - centers[index]) ** 2, axis=1)))
+        return centers, radii
+
+
+def _write_pose(qpos: Array, position: Array, rotation: Array) -> None:
+    """Write a pose into the part (7,) of `qpos` of a free joint; rotation (9,) row by row."""
+    qpos[:3] = position
+    mujoco.mju_mat2Quat(qpos[3:], rotation)
+
+
+def _roles(simulation: Simulation, scene: Scene, target: Target) -> NDArray[np.int64]:
+    """Return the role of each geom."""
+    model = simulation.model
+    body_role = np.full(model.nbody, FIXTURE)
+    body_role[simulation.body_id(scene.robot.root)] = pairs.ROBOT
+    body_role[[simulation.body_id(name) for name in scene.robot.fingers]] = pairs.FINGER
+    for body in range(1, model.nbody):  # parents come first
+        body_role[body] = max(body_role[body], body_role[model.body_parentid[body]])
+    body_role[model.body(target.name).id] = pairs.TARGET
+    role = body_role[model.geom_bodyid]
+    role[model.geom(scene.cell(target.cell).support).id] = pairs.SUPPORT
+    return np.asarray(role)
+
+
+def _groups(model: mujoco.MjModel, links: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Return the group of each geom from the base link and the links of the arm joints (7,)."""
+    group = np.full(model.nbody, FIXED)
+    for body in range(1, model.nbody):
+        group[body] = group[model.body_parentid[body]]
+        if body in links:
+            group[body] += 1
+    return np.asarray(group[model.geom_bodyid])
+
+
+def _collide_by_class(
+    model: mujoco.MjModel,
+    robot: NDArray[np.bool_],
+    target: NDArray[np.bool_],
+    is_box: NDArray[np.bool_],
+) -> None:
+    """Set the collision bits so that MuJoCo leaves out what does not count.
+
+    That is what neither moves nor is held, and pairs of boxes, which `BoxPairs` answers for. Only
+    where the bits have their usual values; other models take longer, with the same answers.
+    """
+    solid = (model.geom_contype != 0) | (model.geom_conaffinity != 0)
+    if np.any(model.geom_contype[solid] != 1) or np.any(model.geom_conaffinity[solid] != 1):
+        return
+    moves = robot | target
+    own = np.where(moves, 1, 4) << is_box.astype(np.int64)  # 1, 2: moves; 4, 8: fixed
+    meets = np.where(moves, np.where(is_box, 1 | 4, 15), 0)
+    model.geom_contype[:] = np.where(solid, own, 0)
+    model.geom_conaffinity[:] = np.where(solid, meets, 0)
+    model.body_contype[:] = 0
+    model.body_conaffinity[:] = 0
+    np.bitwise_or.at(model.body_contype, model.geom_bodyid, model.geom_contype)
+    np.bitwise_or.at(model.body_conaffinity, model.geom_bodyid, model.geom_conaffinity)
