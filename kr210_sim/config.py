@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import asdict, dataclass, field, fields
+from functools import cache
 from pathlib import Path
 from types import UnionType
 from typing import Any, cast, get_args, get_origin, get_type_hints
@@ -206,6 +207,7 @@ class RunConfig:
         }
 
     @classmethod
+    @cache
     def metadata(cls) -> dict[str, Any]:
         """Return default, and help, metavar and kind of value, of each option, by field name."""
         hints = get_type_hints(cls)

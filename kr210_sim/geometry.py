@@ -137,7 +137,15 @@ class ShapeBuilder:
             self._assets[key] = [
                 (self._add_mesh(f"{stem}_{kind}", part), self._color(part.rgba)) for part in parts
             ]
+            if kind != COLLISION and len(parts) == 1 and mesh.scale is None:
+                self._keep_file(self._assets[key][0][0], path)
         return self._assets[key]
+
+    def _keep_file(self, name: str, path: Path) -> None:
+        """Keep an OBJ that is used as it is, so that it need not be written anew."""
+        content = path.read_bytes() if path.suffix.lower() == ".obj" else b""
+        if content and b"mtl" not in content:
+            self._spec.assets = {**self._spec.assets, f"{name}.obj": content}
 
     def _add_mesh(self, name: str, part: MeshPart) -> str:
         taken = {mesh.name for mesh in self._spec.meshes}

@@ -126,7 +126,8 @@ def _put_meshes_into_files(spec: mujoco.MjSpec) -> dict[str, bytes]:
     files: dict[str, bytes] = {}
     for mesh in spec.meshes:
         if len(mesh.uservert):
-            content, name = _obj(mesh), mesh.name.rsplit("/", 1)[-1]
+            name = mesh.name.rsplit("/", 1)[-1]
+            content = spec.assets.get(f"{mesh.name}.obj") or _obj(mesh)
             mesh.file = next(
                 file
                 for file in (f"{name}.obj", *(f"{name}_{n}.obj" for n in range(1, len(files) + 1)))
