@@ -82,12 +82,12 @@ def build_robot(description: Description, robot: Robot) -> tuple[mujoco.MjSpec, 
     notes = [*shapes.notes, *_grip_with_pads(spec, robot)]
     spec.add_numeric(name="joint_velocity_limit", size=6, data=list(robot.velocity))
     try:
-        _exclude_touching_at_zero(spec)
-        _tune(spec, robot)
         model = spec.compile()
     except (ValueError, mujoco.FatalError) as error:
         reason = " ".join(str(error).split())
         raise BadInput(f"{description.path}: MuJoCo refuses the model: {reason}") from error
+    _exclude_touching_at_zero(spec, model)
+    _tune(spec, model, robot)
     _add_home(spec, model, robot)
     return spec, tuple(notes)
 
@@ -214,9 +214,8 @@ def _grip_with_pads(spec: mujoco.MjSpec, robot: Robot) -> list[str]:
     return notes
 
 
-def _exclude_touching_at_zero(spec: mujoco.MjSpec) -> None:
+def _exclude_touching_at_zero(spec: mujoco.MjSpec, model: mujoco.MjModel) -> None:
     """Exclude the pairs of links that touch in the zero configuration (beside parent and child)."""
-    model = spec.compile()
     data = mujoco.MjData(model)
     mujoco.mj_fwdPosition(model, data)
     bodies = model.geom_bodyid[data.contact.geom] if data.ncon else np.empty((0, 2), dtype=int)
@@ -225,13 +224,12 @@ def _exclude_touching_at_zero(spec: mujoco.MjSpec) -> None:
         spec.add_exclude(name="--".join(names), bodyname1=names[0], bodyname2=names[1])
 
 
-def _tune(spec: mujoco.MjSpec, robot: Robot) -> None:
+def _tune(spec: mujoco.MjSpec, model: mujoco.MjModel, robot: Robot) -> None:
     """Set servo gains from the reflected inertia of each joint.
 
     M is the largest diagonal entry of the joint-space inertia (armature included) over the
     workspace sampled below; with it the loop is never less than critically damped.
     """
-    model = spec.compile()
     data = mujoco.MjData(model)
     address = np.array([model.joint(name).qposadr[0] for name in robot.arm_joints])
     dof = np.array([model.joint(name).dofadr[0] for name in robot.arm_joints])
