@@ -225,7 +225,7 @@ def test_a_film_that_fails_does_not_take_the_summary_with_it(quick, monkeypatch,
     def fail(_out, _path):
         raise OSError("the film could not be drawn")
 
-    monkeypatch.setattr("kr210_sim.cli._film", lambda _config: fail)
+    monkeypatch.setattr("kr210_sim.verbs.run._film", lambda _config: fail)
     arguments = ["--json", "--video", "--min-success", "0", "--cycles", "2"]
     assert main(["run", *arguments, "--out", str(tmp_path / "run")]) == 3
     out, err = capfd.readouterr()

@@ -1,0 +1,109 @@
+"""The verb `run`: simulate and score cycles."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import sys
+from pathlib import Path
+from typing import Any
+
+from kr210_sim.config import RunConfig
+from kr210_sim.exceptions import BadInput
+from kr210_sim.interrupts import one_interrupt
+from kr210_sim.junit import write_junit
+from kr210_sim.options import read_options
+from kr210_sim.progress import ProgressBar
+from kr210_sim.verbs.common import EXIT_GATE, EXIT_PASSED, add_option, add_version
+
+
+def add(verbs: Any) -> None:
+    """Add `run` to the verbs."""
+    parser = verbs.add_parser(
+        "run",
+        help="run and score pick-and-place cycles",
+        description="Run and score pick-and-place cycles. Exit status: 0 all gates met, 1 one not "
+        "met, 2 bad input, 3 internal error or full disk, 130 interrupted.",
+        allow_abbrev=False,
+    )
+    add_version(parser)
+    for name in RunConfig.metadata():
+        add_option(parser, name, only_given=True)
+    parser.add_argument(
+        "--config", type=Path, metavar="FILE", help="options in JSON or TOML; those given here win"
+    )
+    parser.add_argument(
+        "--list-scenes", action="store_true", help="list the bundled scenes and exit"
+    )
+    parser.set_defaults(verb=_run)
+
+
+def _run(options: argparse.Namespace) -> int:
+    if options.list_scenes:
+        from kr210_sim.scene import list_scenes
+
+        print("\n".join(list_scenes()))
+        return EXIT_PASSED
+    given = {name: getattr(options, name) for name in RunConfig.metadata() if name in options}
+    config = RunConfig(**((read_options(options.config) if options.config else {}) | given))
+    film = _film(config)
+    _check_junit(config)
+    from kr210_sim.results import read_lines
+    from kr210_sim.runner import run
+    from kr210_sim.summary import HEADER, cycle_line, summary_text
+
+    text = sys.stderr if config.json else sys.stdout
+    bar = ProgressBar(config.cycles, sys.stderr)
+    header = [HEADER]
+
+    def report(line: dict[str, Any]) -> None:
+        bar.clear()
+        while header:
+            print(header.pop(), file=text)
+        print(cycle_line(line), file=text, flush=True)
+        bar.show(line["cycle"])
+
+    with one_interrupt():
+        try:
+            out, summary = run(config, on_cycle=report)
+        finally:
+            bar.clear()
+        if config.junit is not None:
+            write_junit(config.junit, read_lines(out), summary, name=f"seed {config.seed}")
+        print(f"\n{summary_text(summary)}", file=text)
+        print(f"results        {out}", file=text, flush=True)
+        if config.json:
+            print(json.dumps(summary, indent=2, allow_nan=False), flush=True)
+        if film is not None:
+            target = Path(config.video or out / "film.mp4")
+            film(out, target)
+            print(f"film           {target}", file=text)
+    return EXIT_PASSED if summary["passed"] else EXIT_GATE
+
+
+def _check_junit(config: RunConfig) -> None:
+    """Refuse a place where no file can be written, before anybody waits for cycles."""
+    path = config.junit
+    if path is None or path.parent == config.out:
+        return
+    if path.is_dir() or not path.parent.is_dir():
+        raise BadInput(f"--junit: {path} must be a file in a folder that exists")
+
+
+def _film(config: RunConfig) -> Any:
+    """Return the function that films a run, or None if no film is asked for.
+
+    Checked before the run, so that nobody waits for cycles that cannot be filmed.
+    """
+    if config.video is None:
+        return None
+    from kr210_sim.video import film_run, find_gl
+
+    target = Path(config.video) if config.video else None
+    if target is not None and (
+        target.suffix != ".mp4" or not os.path.isdir(target.parent) or len(target.name) > 200
+    ):
+        raise BadInput(f"--video: {target} must be a .mp4 in a folder that exists")
+    backend = find_gl()
+    return lambda out, path: film_run(out, path, backend=backend)
