@@ -16,7 +16,7 @@ from kr210_sim.control import Controller
 from kr210_sim.criteria import CLEARANCE_FREE, HOME_SLACK, REST_TIME
 from kr210_sim.exceptions import CycleFailure
 from kr210_sim.legs import Hand
-from kr210_sim.monitor import Monitor
+from kr210_sim.monitor import Monitor, position_quaternion
 from kr210_sim.offsets import ik_offsets
 from kr210_sim.planning import CyclePlan, CyclePlanner, Motion
 from kr210_sim.record import RECORD_STEP, CycleRecord, Event, unplayed_record
@@ -314,6 +314,8 @@ def _plan(cycle: _Cycle, record: CycleRecord) -> list[TimedMotion]:
     record.slowed_to = min(motion.slowed_to for motion in motions)
     record.p_base_release = plan.p_base_release
     record.sampled_motions = plan.sampled_motions
+    T_base_tcp = plan.solved.T_base_palm @ cycle.scene.robot.T_palm_tcp
+    record.ik_tcp = position_quaternion(T_base_tcp)
     record.ik_offset_m, record.ik_offset_rad = ik_offsets(cycle.simulation, plan.solved)
     for legs, motion in zip(plan.motions, motions, strict=True):
         record.clearance_m |= least_clearance(legs, motion.trajectory, oracle)

@@ -80,7 +80,7 @@ class Monitor:
         """Return the series so far, name -> (n, ...)."""
         series = {name: np.array(values) for name, values in self._series.items()}
         if series:
-            series["tcp_commanded"] = _position_quaternion(series["tcp_commanded"])
+            series["tcp_commanded"] = position_quaternion(series["tcp_commanded"])
         return series
 
     def observe(self, rows: Array, commands: Commands, stage: str) -> None:
@@ -240,7 +240,7 @@ class _Breach(NamedTuple):
     detail: str
 
 
-def _position_quaternion(T: Array) -> Array:
+def position_quaternion(T: Array) -> Array:
     """Return position and quat_wxyz (n, 7) of poses (n, 4, 4)."""
     quat_xyzw = Rotation.from_matrix(T[:, :3, :3]).as_quat(canonical=True)
     return np.concatenate([T[:, :3, 3], quat_xyzw[:, [3, 0, 1, 2]]], axis=1)

@@ -71,7 +71,8 @@ class CycleRecord:
         final: name -> number at the end of the cycle; null where it was not reached.
         p_base_release: (3,) planned release point, or None without a plan.
         sampled_motions: stages whose path comes from the sampling planner.
-        ik_offset_m, ik_offset_rad: (N,) offsets of all solved poses.
+        ik_tcp: (N, 7) the poses that the IK was asked for, as `POINTS` explains.
+        ik_offset_m, ik_offset_rad: (N,) offsets of the answers.
         clearance_m: stage -> least clearance of its motion as it was timed [m], at most
             `criteria.CLEARANCE_CAP`; empty without a plan.
         slowed_to: speed of the slowest motion over that which its joints allow.
@@ -91,6 +92,7 @@ class CycleRecord:
     final: dict[str, float] = field(default_factory=dict)
     p_base_release: Array | None = None
     sampled_motions: tuple[str, ...] = ()
+    ik_tcp: Array = field(default_factory=lambda: np.empty((0, 7)))
     ik_offset_m: Array = field(default_factory=lambda: np.empty(0))
     ik_offset_rad: Array = field(default_factory=lambda: np.empty(0))
     clearance_m: dict[str, float] = field(default_factory=dict)
@@ -138,11 +140,19 @@ SERIES = {
 }
 """What each series of a record holds."""
 
+POINTS = {
+    "ik_tcp": "requested position [m] and quat_wxyz of the TCP in the base frame",
+    "ik_offset_m": "distance of MuJoCo's own TCP at the answered angles from it [m]",
+    "ik_offset_rad": "angle between them [rad]",
+}
+"""What a record holds of each pose the IK solved: the lines of the pick, then of the place."""
+
 
 def save_record(record: CycleRecord, path: Path) -> None:
-    """Write the series of a record as float32 to an .npz file, with joint and stage names."""
+    """Write a record as float32 to an .npz file: series, points, joint and stage names."""
+    points = {name: getattr(record, name) for name in POINTS}
     arrays: dict[str, Any] = {
-        name: values.astype(np.float32) for name, values in record.series.items()
+        name: values.astype(np.float32) for name, values in (record.series | points).items()
     }
     arrays["stage_names"] = np.array(STAGES)
     arrays["joint_names"] = np.array(list(record.start))

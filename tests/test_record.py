@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from kr210_sim.record import RECORD_STEP, SERIES, STAGES, load_series, save_record
+from kr210_sim.record import POINTS, RECORD_STEP, SERIES, STAGES, load_series, save_record
 
 
 def test_a_saved_record_comes_back_to_float32(good_cycle, tmp_path):
@@ -24,7 +24,20 @@ def test_a_saved_record_needs_no_pickle(good_cycle, tmp_path):
     path = tmp_path / "0000.npz"
     save_record(good_cycle.record, path)
     with np.load(path, allow_pickle=False) as archive:
-        assert set(SERIES) <= set(archive.files)
+        assert set(SERIES) | set(POINTS) <= set(archive.files)
+
+
+def test_a_record_keeps_every_point_that_was_solved(good_cycle, robot, tmp_path):
+    path = tmp_path / "0000.npz"
+    save_record(good_cycle.record, path)
+    loaded = load_series(path)
+    for name in POINTS:
+        assert len(loaded[name]) == len(good_cycle.ik_offset_m) > 30
+    np.testing.assert_allclose(loaded["ik_offset_m"], good_cycle.ik_offset_m, rtol=1e-6)
+    grasped = good_cycle.record.series["stage"] == STAGES.index("CLOSE_GRIPPER")
+    p_base_grasp = good_cycle.record.series["tcp_measured"][grasped][-1, :3]
+    gaps = np.linalg.norm(loaded["ik_tcp"][:, :3] - p_base_grasp, axis=1)
+    assert gaps.min() < 1e-3
 
 
 def test_a_record_has_a_row_for_every_record_step_and_no_gaps(default_run):
