@@ -33,3 +33,18 @@ def test_the_motion_benchmark_compares_a_pair(tmp_path):
     assert means["(b) TOPP-RA, same path, v and a, no jerk limit"] < means["planned"]
     assert means["(c) a stop at every pose, 0.2 of the limits"] > 5 * means["planned"]
     assert "Not planned: 0" in done.stdout
+
+
+@pytest.mark.slow
+def test_the_throughput_benchmark_replays_cycles_and_compares_workers(tmp_path):
+    small = ["--replayed", "1", "--passes", "1", "--cycles", "2", "--episode-cycles", "1"]
+    command = [sys.executable, str(FOLDER / "throughput.py"), *small]
+    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    rows = [line.strip("| ").split(" | ") for line in done.stdout.splitlines()]
+    cost = {row[0]: float(row[2]) for row in rows if len(row) == 5 and row[1][0].isdigit()}
+    assert cost["bare mj_step loop"] == 1
+    assert 0.5 < cost["**stepping, control, recording, scoring**"] < cost["the whole episode"]
+    measured = {row[0]: row[1:] for row in rows if len(row) == 4}
+    assert {"cycles per minute", "steps per second, bare loops"} <= set(measured)
+    assert "Least success rate: 1.000" in done.stdout
