@@ -13,7 +13,7 @@ from kr210_sim.arrays import Array
 from kr210_sim.clearance import least_clearance
 from kr210_sim.collision import MujocoOracle
 from kr210_sim.control import Controller
-from kr210_sim.criteria import CLEARANCE_FREE, HOME_SLACK, REST_TIME
+from kr210_sim.criteria import CLEARANCE_FREE, HOME_SLACK, LIFT_HEIGHT_LIMIT, REST_TIME
 from kr210_sim.exceptions import CycleFailure
 from kr210_sim.legs import Hand
 from kr210_sim.monitor import Monitor, position_quaternion
@@ -129,9 +129,11 @@ class _Cycle:
         self.monitor.observe(rows, commands, self.stage)
         if self.monitor.events:
             raise _Stopped
-        error = np.max(np.abs(self.monitor.q - commands.q[-1]))
-        if error > TRACKING_LIMIT:
-            raise CycleFailure("tracking", f"a joint is {error:.3f} rad from its command")
+        error = np.abs(self.monitor.q - commands.q[-1])
+        if np.max(error) > TRACKING_LIMIT:
+            joint = self.scene.robot.arm_joints[int(np.argmax(error))]
+            detail = f"{joint} is {np.max(error):.3f} rad from its command"
+            raise CycleFailure("tracking", detail)
         if self.home_time is None and self.monitor.time > self.scene.time_limit:
             raise CycleFailure("timeout", f"not home after {self.scene.time_limit:g} s")
 
@@ -165,6 +167,9 @@ class _Cycle:
     def enter(self, stage: str) -> None:
         """Go on to a stage; a target that did not come along with the lift ends the cycle."""
         if self.stage == "LIFT" and stage != "LIFT" and not self.monitor.lifted:
+            if self.monitor.tracking > LIFT_HEIGHT_LIMIT:  # then it is the arm that did not lift
+                away = 1000 * self.monitor.tracking
+                raise CycleFailure("tracking", f"the TCP is {away:.0f} mm from its command")
             raise CycleFailure("missed_grasp", "the target did not come along")
         self.stage = stage
 

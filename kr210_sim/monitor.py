@@ -41,6 +41,7 @@ class Monitor:
         pressing_for: how long both fingers have touched the target and pressed at the end of each
             record step with the force that a grip has [s].
         q: (6,) latest arm configuration [rad].
+        tracking: largest distance of measured from commanded TCP in the latest record step [m].
     """
 
     def __init__(self, simulation: Simulation) -> None:
@@ -69,7 +70,7 @@ class Monitor:
         self.events: list[Event] = []
         self.lifted = False
         self.released = False
-        self.resting_for = self.pressing_for = 0.0
+        self.resting_for = self.pressing_for = self.tracking = 0.0
         self._grip = GRIP_READY * robot.grip_force / 2
         self.force = np.zeros(2)
         self.touching = np.zeros(2, dtype=bool)
@@ -102,9 +103,8 @@ class Monitor:
         excess = np.maximum(self._lower - q, q - self._upper)
         speed = np.linalg.norm(column["target_velocity"], axis=1)
         spin = np.linalg.norm(column["target_spin"], axis=1)
-        tracking = np.linalg.norm(
-            column["tcp_position"] - commands.T_base_tcp[: len(rows), :3, 3], axis=1
-        )
+        strayed = column["tcp_position"] - commands.T_base_tcp[: len(rows), :3, 3]
+        self.tracking = float(np.max(np.linalg.norm(strayed, axis=1)))
         self._press(touch, right, left)
         self.touching, self.q = touch[-1], np.array(q[-1, :6])
         self.finger_position = np.array(rows[-1, self._fingers])
@@ -120,7 +120,7 @@ class Monitor:
             "tcp_measured": np.concatenate(
                 [column["tcp_position"][-1], column["tcp_quat_wxyz"][-1]]
             ),
-            "tracking_max": tracking.max(),
+            "tracking_max": self.tracking,
             "finger_force": self.force,
             "fingers_touch": touch.all(axis=0),
             "clear_height_max": clear.max(),
@@ -202,7 +202,9 @@ class Monitor:
             return
         lost = ~np.all(touch, axis=1)
         if np.any(lost):
-            yield _Breach(int(np.argmax(lost)), "dropped", "a finger lost the target")
+            step = int(np.argmax(lost))
+            finger = self._simulation.scene.robot.fingers[int(np.argmin(touch[step]))]
+            yield _Breach(step, "dropped", f"{finger} lost the target")
         if np.any(slip_m >= SLIP_LIMIT):
             detail = f"slipped {1000 * slip_m.max():.1f} mm"
             yield _Breach(int(np.argmax(slip_m >= SLIP_LIMIT)), "dropped", detail)

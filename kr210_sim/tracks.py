@@ -211,4 +211,7 @@ def _answer(solver: Solver, T_base_palm: Array, q_start: Array) -> Array:
         raise CycleFailure("bad_ik", detail)
     if np.any(np.isinf(answer)):
         raise CycleFailure("bad_ik", "the solver answered an infinite angle")
+    missing = np.isnan(answer)
+    if np.any(missing.any(axis=1) & ~missing.all(axis=1)):
+        raise CycleFailure("bad_ik", "the solver answered NaN for some angles of a pose, not all")
     return answer.astype(float)

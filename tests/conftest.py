@@ -27,6 +27,7 @@ from kr210_sim.runner import run
 from kr210_sim.scene import Scene, Target, build_scene, find_scene
 from kr210_sim.score import CycleScore, score_cycle
 from kr210_sim.simulation import Simulation
+from kr210_sim.tracks import Solver
 from kr210_sim.trajectory import MotionLimits
 
 TURNED_2X2 = Path(__file__).parent / "scenes" / "turned_2x2.xml"
@@ -165,13 +166,14 @@ def one_cycle(scene: Scene, limits: MotionLimits) -> RunOneCycle:
         world: Scene | None = None,
         simulation: Simulation | None = None,
         target: Target | None = None,
+        solver: Solver | None = None,
     ) -> CycleScore:
         place = world or (simulation.scene if simulation else scene)
         simulation = simulation or Simulation(place)
         target = target or standing_target(place, cell)
         if target.name not in simulation.targets:
             simulation.add(target)
-        setup = CycleSetup(cycle=target.number, episode=0, seed=0, limits=limits)
+        setup = CycleSetup(cycle=target.number, episode=0, seed=0, limits=limits, solver=solver)
         record = run_cycle(simulation, target, setup, probe=probe)
         return score_cycle(record, time_limit=place.time_limit)
 
@@ -182,3 +184,10 @@ def one_cycle(scene: Scene, limits: MotionLimits) -> RunOneCycle:
 def good_cycle(default_run: Run) -> CycleScore:
     """A cycle that went well, for tests that compare with one."""
     return default_run.scores[0]
+
+
+@pytest.fixture
+def impatient(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Make every wait of the sequencer shorter, for tests in which it waits in vain."""
+    monkeypatch.setattr("kr210_sim.cycle.WAIT_LIMIT", 0.5)
+    monkeypatch.setattr("kr210_sim.cycle.SETTLE_LIMIT", 0.8)
