@@ -266,4 +266,18 @@ def test_the_pads_grip_with_honest_friction(robot, robot_model):
     )
     assert np.all(robot_model.geom_friction[pads, 0] <= 1.0)
     assert np.all(robot_model.geom_friction[pads, 1] <= 0.01)
-    np.testing.assert_allclose(robot_model.geom_solref[pads, 0], 2 * TIMESTEP)
+
+
+def test_a_pressed_pad_comes_to_rest_within_a_few_physics_steps(robot_model):
+    """The contact as MuJoCo steps it, semi-implicit Euler, neither rings nor creeps back."""
+    pads = [g for g in range(robot_model.ngeom) if "_pad" in robot_model.geom(g).name]
+    for solref, solimp in zip(
+        robot_model.geom_solref[pads], robot_model.geom_solimp[pads], strict=True
+    ):
+        largest = solimp[1]
+        stiffness, damping = -solref[0] / largest**2, -solref[1] / largest
+        for share in solimp[:2]:  # impedance at first touch and when pressed
+            k, b = share * stiffness * TIMESTEP**2, share * damping * TIMESTEP
+            assert abs(1 - b) < 0.8  # sliding
+            pressed = np.array([[1 - k, 1 - b], [-k, 1 - b]])  # of depth and speed times dt
+            assert np.max(np.abs(np.linalg.eigvals(pressed))) < 0.9
