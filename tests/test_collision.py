@@ -12,8 +12,8 @@ from conftest import standing_target
 import ik
 from kr210_sim.collision import MujocoOracle
 from kr210_sim.criteria import CLEARANCE_FREE
-from kr210_sim.cycle import _timed as timed_motion
 from kr210_sim.legs import Question
+from kr210_sim.motions import timed_motion
 from kr210_sim.planning import ClearanceOracle, CyclePlan, CyclePlanner, Hand, Leg
 from kr210_sim.scene import ROBOT_PREFIX
 from kr210_sim.simulation import Simulation

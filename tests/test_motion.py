@@ -10,7 +10,7 @@ from conftest import standing_target
 
 from kr210_sim.collision import MujocoOracle
 from kr210_sim.cycle import CLOSE_EARLY, FINGERS_FREE, TimedMotion
-from kr210_sim.cycle import _timed as timed_motion
+from kr210_sim.motions import timed_motion
 from kr210_sim.planning import CyclePlan, CyclePlanner
 from kr210_sim.record import RECORD_STEP, STAGES
 from kr210_sim.simulation import Simulation

@@ -12,6 +12,7 @@ import pytest
 from conftest import standing_target
 
 import kr210_sim.cycle
+import kr210_sim.motions
 from kr210_sim.cli import main
 from kr210_sim.config import RunConfig
 from kr210_sim.control import Controller
@@ -412,9 +413,9 @@ def test_the_planner_is_told_the_perceived_pose_and_never_the_true_one(scene, li
         told.append(T_base_target)
         return real_picks(T_base_target, *arguments)
 
-    real_oracle, real_picks = kr210_sim.cycle.MujocoOracle, kr210_sim.cycle.pick_options
+    real_oracle, real_picks = kr210_sim.cycle.MujocoOracle, kr210_sim.motions.pick_options
     monkeypatch.setattr(kr210_sim.cycle, "MujocoOracle", spy_oracle)
-    monkeypatch.setattr(kr210_sim.cycle, "pick_options", spy_picks)
+    monkeypatch.setattr(kr210_sim.motions, "pick_options", spy_picks)
     monkeypatch.setattr(kr210_sim.cycle._Cycle, "run", lambda *_: None)
     simulation = Simulation(scene)
     simulation.add(true)

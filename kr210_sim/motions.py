@@ -1,0 +1,132 @@
+"""Target as it is believed to be -> the timed motions of a pick and place."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from kr210_sim.arrays import Array
+from kr210_sim.collision import MujocoOracle
+from kr210_sim.criteria import CLEARANCE_FREE
+from kr210_sim.exceptions import CycleFailure
+from kr210_sim.legs import Hand
+from kr210_sim.planning import CyclePlan, CyclePlanner, Motion
+from kr210_sim.robot import Robot
+from kr210_sim.scene import Target
+from kr210_sim.simulation import Simulation
+from kr210_sim.task import pick_options, place_options, release_point
+from kr210_sim.tcp_limits import TcpLimits
+from kr210_sim.tracks import Solver
+from kr210_sim.trajectory import MotionLimits, Trajectory, time_paths
+from kr210_sim.variation import Variation
+
+
+@dataclass(frozen=True, kw_only=True)
+class CycleSetup:
+    """What identifies a cycle and how fast it may be.
+
+    Attributes:
+        cycle, episode: for the record.
+        seed: of everything that is left to chance, and for the record.
+        limits: joint limits of every motion.
+        tcp_limits: Cartesian limits of every motion.
+        solver: an IK that takes the place of the analytic one.
+        clearance: kept to everything outside the cells [m].
+        variation: what the planner and the controller do not know.
+    """
+
+    cycle: int
+    episode: int
+    seed: int
+    limits: MotionLimits
+    tcp_limits: TcpLimits = field(default_factory=TcpLimits)
+    solver: Solver | None = None
+    clearance: float = CLEARANCE_FREE
+    variation: Variation = field(default_factory=Variation)
+
+
+@dataclass(frozen=True, kw_only=True)
+class TimedMotion:
+    """A motion from stop to stop.
+
+    Attributes:
+        stages: of each of its legs.
+        trajectory: in time.
+        slowed_to: share of the speed the joints allow that the TCP limits leave, at most 1.
+    """
+
+    stages: tuple[str, ...]
+    trajectory: Trajectory
+    slowed_to: float = 1.0
+
+
+def plan_cycle(
+    simulation: Simulation,
+    target: Target,
+    setup: CycleSetup,
+    oracle: MujocoOracle,
+    p_base_release: Array | None = None,
+) -> tuple[CyclePlan, list[TimedMotion]]:
+    """Plan a pick and place that ends at home, paths and their timing; nothing moves.
+
+    Args:
+        simulation: the world as it is now.
+        target: what to pick, as it is believed to be; it stands in a cell.
+        setup: limits and solver.
+        oracle: answers for clearance in this world.
+        p_base_release: (3,) where to release at the top of the place volume; by default where
+            the most room is.
+
+    Raises:
+        CycleFailure: unreachable, joint_limits, no_path or bad_ik.
+    """
+    scene = simulation.scene
+    if p_base_release is None:
+        place = scene.place
+        p_base_release = release_point(
+            place.T_base_place, place.half_size, place.kind, target.length, simulation.placed()
+        )
+    planner = CyclePlanner(
+        scene.robot, oracle, setup.solver, seed=setup.seed, clearance=setup.clearance
+    )
+    plan = planner.plan(
+        q_home=np.zeros(6),
+        q_start=setup.variation.q_start,
+        picks=pick_options(target.T_base_target, scene.cell(target.cell).T_base_cell),
+        places=place_options(p_base_release),
+    )
+    return plan, [
+        _within_tcp_limits(motion, oracle, setup, scene.robot, target.mass)
+        for motion in plan.motions
+    ]
+
+
+def _within_tcp_limits(
+    motion: Motion, oracle: MujocoOracle, setup: CycleSetup, robot: Robot, mass: float
+) -> TimedMotion:
+    """Time a motion; one that would break a TCP limit is scaled in time until it does not."""
+    timed = timed_motion(motion, oracle, setup.limits)
+    held = mass if any(leg.hand in (Hand.LIFTING, Hand.HOLDING) for leg in motion) else None
+    try:
+        share = setup.tcp_limits.share(robot, timed.trajectory, held)
+    except ValueError as error:
+        raise CycleFailure("no_path", str(error), stage=motion[0].stage) from error
+    if share < 1.0:
+        timed = replace(timed_motion(motion, oracle, setup.limits.scaled(share)), slowed_to=share)
+    return timed
+
+
+def timed_motion(motion: Motion, oracle: MujocoOracle, limits: MotionLimits) -> TimedMotion:
+    """Give a motion its time law, rounding the corners as far as they stay clear."""
+
+    def free(corner: int, q: Array) -> bool:
+        before, after = motion[corner : corner + 2]
+        clearance = min(before.clearance, after.clearance)
+        return oracle.blocked(q, hand=after.hand, clearance=clearance) is None
+
+    try:
+        trajectory = time_paths([leg.path for leg in motion], limits, free)
+    except ValueError as error:
+        raise CycleFailure("no_path", str(error), stage=motion[0].stage) from error
+    return TimedMotion(stages=tuple(leg.stage for leg in motion), trajectory=trajectory)
