@@ -15,7 +15,9 @@ from typing import Any
 import numpy as np
 from PIL import Image
 
-from kr210_sim.video import Player, find_gl
+from kr210_sim.film.take import read_duration
+from kr210_sim.results import record_path
+from kr210_sim.video import draw_stills, find_gl
 
 IMAGES = Path(__file__).resolve().parent / "images"
 PICTURES = {"cycle.png": (5, "overview", 0.5), "grasp.png": (5, "shelf", 0.22)}
@@ -70,8 +72,8 @@ def draw_cycle(cell: int, camera: str, share: float) -> Image.Image:
     with tempfile.TemporaryDirectory() as folder:
         out = Path(folder) / "run"
         kr210_sim(["run", "--cycles", "1", "--cell", str(cell), "--out", str(out)])
-        player = Player(out, 0, fine=True)
-        (frame,) = player.frames(camera, np.array([share * player.duration]))
+        moment = (0, share * read_duration(record_path(out, 0)))
+        (frame,) = draw_stills(out, [moment], cameras=[camera])
     return Image.fromarray(frame)
 
 

@@ -17,7 +17,7 @@ from kr210_sim.interrupts import no_interrupt
 from kr210_sim.mjcf_files import save_model
 from kr210_sim.playback import episode_world
 from kr210_sim.record import CycleRecord, Event, save_record, unplayed_record
-from kr210_sim.results import RECORDS, named
+from kr210_sim.results import named, record_path, world_path
 from kr210_sim.scene import Scene
 from kr210_sim.score import score_cycle
 from kr210_sim.trajectory import MotionLimits
@@ -119,7 +119,7 @@ def play_episode(
     written = False
 
     def write_world() -> None:
-        path = out / "episodes" / f"{episode.index:04d}" / "scene.xml"
+        path = world_path(out, episode.index)
         if kept:
             targets = episode_targets(scene, episode, config.mass, block)
             world = episode_world(scene, [target for target, _ in targets], kept)
@@ -151,11 +151,6 @@ def play_episode(
     finally:
         if not written:
             write_world()
-
-
-def record_path(out: Path, cycle: int) -> Path:
-    """Return the file of a cycle's record."""
-    return out / RECORDS / f"{cycle:04d}.npz"
 
 
 def _save_record(record: CycleRecord, path: Path) -> None:

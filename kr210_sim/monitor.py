@@ -117,11 +117,10 @@ class Monitor:
             "qpos": np.array(self._simulation.measured),
             "ctrl": commands.ctrl[len(rows) - 1],
             "tcp_commanded": commands.T_base_tcp[len(rows) - 1],
-            "tcp_measured": np.concatenate(
-                [column["tcp_position"][-1], column["tcp_quat_wxyz"][-1]]
-            ),
+            "tcp_measured": np.hstack([column["tcp_position"][-1], column["tcp_quat_wxyz"][-1]]),
             "tracking_max": self.tracking,
             "finger_force": self.force,
+            "grip_force": np.concatenate([right[-1, 1:], left[-1, 1:]]),
             "fingers_touch": touch.all(axis=0),
             "clear_height_max": clear.max(),
             "slip_m_max": slip_m.max(),

@@ -11,6 +11,7 @@ import numpy as np
 
 from kr210_sim.arrays import Array
 from kr210_sim.record import CycleRecord
+from kr210_sim.results import world_path
 from kr210_sim.scene import ROBOT_PREFIX, Scene, Target, add_target
 
 _PARKING_PITCH = 0.3  # [m], between parked targets
@@ -68,6 +69,5 @@ def load_world(out: Path, cycle: int) -> mujoco.MjModel:
         for line in lines:
             score = json.loads(line)
             if score["cycle"] == cycle:
-                scene = out / "episodes" / f"{score['episode']:04d}" / "scene.xml"
-                return mujoco.MjModel.from_xml_path(str(scene))
+                return mujoco.MjModel.from_xml_path(str(world_path(out, score["episode"])))
     raise FileNotFoundError(f"{out}: no cycle {cycle} in cycles.jsonl")

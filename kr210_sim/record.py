@@ -127,6 +127,7 @@ SERIES = {
     "tcp_measured": "position [m] and quat_wxyz in the base frame",
     "tracking_max": "largest distance of measured from commanded TCP [m]",
     "finger_force": "net contact force of the right and left finger on the target [N]",
+    "grip_force": "the same forces as vectors of the world frame, right then left [N]",
     "fingers_touch": "1 if the right, left finger touched the target at every physics step",
     "clear_height_max": "largest height [m] above rest with both fingers and nothing else touching",
     "slip_m_max": "largest shift of the target in the TCP frame since lift-off [m]",

@@ -58,6 +58,16 @@ def read_lines(out: Path) -> Iterator[dict[str, Any]]:
             yield from map(json.loads, lines)
 
 
+def record_path(out: Path, cycle: int) -> Path:
+    """Return the file of a cycle's record."""
+    return out / RECORDS / f"{cycle:04d}.npz"
+
+
+def world_path(out: Path, episode: int) -> Path:
+    """Return the file of an episode's world."""
+    return out / "episodes" / f"{episode:04d}" / "scene.xml"
+
+
 class Journal:
     """`cycles.jsonl`, appended an episode at a time in cycle order, whatever finishes first.
 

@@ -24,7 +24,6 @@ from kr210_sim.episode_files import (
     lost_lines,
     play_elsewhere,
     play_episode,
-    record_path,
     silence_mujoco,
 )
 from kr210_sim.episodes import Episode, episode_size, load_world, plan_episodes
@@ -39,6 +38,7 @@ from kr210_sim.results import (
     is_unused,
     new_folder,
     read_lines,
+    record_path,
     take_up,
     write_json,
 )

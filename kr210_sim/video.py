@@ -1,19 +1,25 @@
-"""Film of a run, drawn off screen from its saved records in a process of its own."""
+"""Films and stills of a run, drawn off screen from its saved records."""
 
 from __future__ import annotations
 
-import argparse
 import os
 import subprocess
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import closing, contextmanager, suppress
 from pathlib import Path
-from typing import Any
+from tempfile import TemporaryFile
+from typing import IO
 
 import numpy as np
+from numpy.typing import NDArray
 
-from kr210_sim.arrays import Array
 from kr210_sim.exceptions import BadInput
+from kr210_sim.film.drawing import draw
+from kr210_sim.film.format import Format, Moment, check_cameras
+from kr210_sim.film.take import read_duration
+from kr210_sim.film.worker import Job
+from kr210_sim.results import read_lines, record_path, world_path
 
 BACKENDS = ("egl", "osmesa")
 """Off-screen OpenGL, in the order they are tried."""
@@ -22,19 +28,18 @@ INSTALL_LINE = (
     "no off-screen OpenGL here; install EGL (Debian: apt-get install libegl1 libgl1-mesa-dri) or "
     "OSMesa (apt-get install libosmesa6)"
 )
+FILM = "film.mp4"
+STILL_SIZE = (1280, 720)  # [pixels], width and height
 
-CAMERA = "overview"
-SIZE = (1280, 720)  # [pixels], width and height
-FPS = 25.0  # [1/s]
-STILL = 1.0
-"""A cycle in which nothing moved is shown for this long [s]."""
-
-_VISIBLE_GROUPS = (0, 1, 2)  # visual geometry; collision shapes (3) and sites (4) stay hidden
 _PROBE_SECONDS = 60.0
+_PART = ".part.mp4"
 
 
-def find_gl() -> str:
+def find_gl(asked: str = "--video") -> str:
     """Return the first backend that can make an off-screen context.
+
+    Args:
+        asked: the option or verb that needs it, for the message.
 
     Raises:
         BadInput: if none can, with what to install.
@@ -53,110 +58,147 @@ def find_gl() -> str:
             continue
         if probe.returncode == 0:
             return backend
-    raise BadInput(f"--video: {INSTALL_LINE}")
+    raise BadInput(f"{asked}: {INSTALL_LINE}")
 
 
-def film_run(out: Path, film: Path, *, backend: str) -> None:
-    """Film a finished run.
+def scene_cameras(scene: Path) -> tuple[str, ...]:
+    """Return the names of the cameras of a scene or a saved world."""
+    import mujoco
 
-    MuJoCo chooses its OpenGL when it is first imported, so the drawing happens in a new process.
+    return tuple(camera.name for camera in mujoco.MjSpec.from_file(str(scene)).cameras)
+
+
+def moments_of(out: Path, form: Format, cycle: int | None = None) -> list[Moment]:
+    """Return what a film of a run shows, frame by frame.
 
     Args:
         out: folder of the run.
-        film: the .mp4 to write.
-        backend: from `find_gl`.
+        form: of the film.
+        cycle: the only one to show; by default all whose record was kept.
 
     Raises:
-        OSError: if the film could not be written.
+        BadInput: if there is nothing to show.
     """
-    drawn = subprocess.run(
-        [sys.executable, "-m", "kr210_sim.video", str(out), str(film)],
-        env=os.environ | {"MUJOCO_GL": backend},
-        stdout=subprocess.DEVNULL,
-        stderr=subprocess.PIPE,
-        text=True,
-        check=False,
-    )
-    if drawn.returncode != 0:
-        last = drawn.stderr.strip().splitlines()[-1:] or ["no message"]
-        raise OSError(f"the film could not be drawn: {last[0]}")
-
-
-def draw_film(out: Path, film: Path) -> None:
-    """Draw all cycles of a run into one .mp4; needs `MUJOCO_GL` to be set."""
-    import imageio_ffmpeg
-
-    film.open("wb").close()  # says better than ffmpeg what is wrong with the path
-    writer = imageio_ffmpeg.write_frames(str(film), SIZE, fps=FPS, codec="libx264", quality=7)
-    writer.send(None)
     try:
-        for cycle in sorted(int(path.stem) for path in (out / "cycles").glob("*.npz")):
-            player = Player(out, cycle)
-            for frame in player.frames(CAMERA, np.arange(0.0, player.duration, 1.0 / FPS)):
-                writer.send(np.ascontiguousarray(frame))
-    finally:
-        writer.close()
+        cycles = [int(score["cycle"]) for score in read_lines(out)]
+    except (ValueError, KeyError, TypeError) as error:
+        raise BadInput(f"{out}: cycles.jsonl is damaged; run the cycles again") from error
+    if not cycles:
+        raise BadInput(f"{out} is no folder of a run; name one with a cycles.jsonl")
+    if cycle is not None and cycle not in cycles:
+        raise BadInput(f"--cycle: {out} has no cycle {cycle}; give {cycles[0]} to {cycles[-1]}")
+    kept = [number for number in cycles if record_path(out, number).exists()]
+    chosen = kept if cycle is None else [number for number in kept if number == cycle]
+    if not chosen:
+        what = "no cycle" if cycle is None else f"cycle {cycle} not"
+        raise BadInput(f"{out} has the record of {what}; run it again with --record all")
+    return [
+        moment
+        for number in chosen
+        for moment in form.moments(number, read_duration(record_path(out, number)))
+    ]
 
 
-class Player:
-    """The record of one cycle as a sequence of pictures; needs `MUJOCO_GL` to be set.
+def film_run(
+    out: Path,
+    film: Path,
+    form: Format,
+    *,
+    backend: str,
+    moments: Sequence[Moment] | None = None,
+    on_frame: Callable[[int, int], None] = lambda _done, _total: None,
+) -> None:
+    """Film a finished run.
 
     Args:
         out: folder of the run.
-        cycle: index in the run.
-        fine: antialiased with sharp shadows, at several times the cost in software OpenGL.
+        film: the .mp4 to write; it appears when it is complete.
+        form: size, speed and cameras.
+        backend: from `find_gl`.
+        moments: what to show; by default all cycles whose record was kept.
+        on_frame: told after every frame how many of how many are drawn.
+
+    Raises:
+        BadInput: if there is nothing to show, or no such camera.
+        OSError: if the film could not be written.
     """
-
-    def __init__(self, out: Path, cycle: int, *, fine: bool = False) -> None:
-        from kr210_sim.playback import load_world
-        from kr210_sim.record import load_series
-
-        self._series: dict[str, Any] = load_series(out / "cycles" / f"{cycle:04d}.npz")
-        self._model = load_world(out, cycle)
-        quality = self._model.vis.quality
-        quality.shadowsize, quality.offsamples = (8192, 8) if fine else (2048, 0)
-        self._start = np.array(self._model.key(f"cycle_{cycle:04d}").qpos)
-        self._time = self._series.get("time", np.array([STILL]))  # absent if nothing moved
-
-    @property
-    def duration(self) -> float:
-        """Length of the record [s]."""
-        return float(self._time[-1])
-
-    def frames(self, camera: str, times: Array) -> Iterator[Array]:
-        """Yield the pictures (height, width, 3) uint8 at times (n,) [s]."""
-        import mujoco
-
-        from kr210_sim.playback import place_joints
-
-        model, data = self._model, mujoco.MjData(self._model)
-        option = mujoco.MjvOption()
-        option.geomgroup[:] = [group in _VISIBLE_GROUPS for group in range(6)]
-        known = any(model.camera(index).name == camera for index in range(model.ncam))
-        names, widths = self._series["joint_names"], self._series["joint_widths"]
-        joints = list(zip(names.tolist(), widths.tolist(), strict=True))
-        with mujoco.Renderer(model, SIZE[1], SIZE[0]) as renderer:
-            for values in self._interpolated(times):
-                data.qpos[:] = self._start
-                if len(values):
-                    place_joints(model, data.qpos, joints, values)
-                mujoco.mj_forward(model, data)
-                renderer.update_scene(data, camera if known else -1, option)
-                yield renderer.render()
-
-    def _interpolated(self, times: Array) -> Array:
-        """Return the recorded joints at times (n,); MuJoCo normalises the quaternions."""
-        time, qpos = self._time, self._series.get("qpos")
-        if qpos is None:
-            return np.empty((len(times), 0))
-        right = np.clip(np.searchsorted(time, times), 1, len(time) - 1)
-        weight = np.clip((times - time[right - 1]) / (time[right] - time[right - 1]), 0, 1)[:, None]
-        return np.asarray((1 - weight) * qpos[right - 1] + weight * qpos[right])
+    moments = moments_of(out, form) if moments is None else moments
+    cameras = check_cameras(form.cameras, run_cameras(out), "--camera")
+    job = Job(out=str(out), cameras=cameras, size=form.size, moments=list(moments))
+    part = film.with_name(film.stem + _PART)
+    try:
+        part.open("wb").close()  # says better than the encoder what is wrong with the path
+        with _encoder(part, form) as stream, closing(draw(job, backend=backend)) as pictures:
+            for done, picture in enumerate(pictures, start=1):
+                stream.write(picture.data.cast("B"))
+                on_frame(done, len(moments))
+        part.replace(film)
+    finally:
+        part.unlink(missing_ok=True)
 
 
-if __name__ == "__main__":
-    parser = argparse.ArgumentParser(description="Film a finished run.")
-    parser.add_argument("run", type=Path)
-    parser.add_argument("film", type=Path)
-    arguments = parser.parse_args()
-    draw_film(arguments.run, arguments.film)
+def draw_stills(
+    out: Path,
+    moments: Sequence[Moment],
+    *,
+    cameras: Sequence[str] = (),
+    size: tuple[int, int] = STILL_SIZE,
+    backend: str | None = None,
+) -> list[NDArray[np.uint8]]:
+    """Draw single pictures of a run, finer than those of a film.
+
+    Args:
+        out: folder of the run.
+        moments: cycle and time since its start [s] of each.
+        cameras: names; several share the picture, none stands for the best one of the scene.
+        size: width and height [pixels].
+        backend: from `find_gl`, which is asked by default.
+
+    Returns:
+        Pictures (height, width, 3).
+
+    Raises:
+        BadInput: if there is no OpenGL or no such camera.
+        OSError: if a picture could not be drawn.
+    """
+    names = check_cameras(cameras, run_cameras(out), "cameras")
+    job = Job(out=str(out), cameras=names, size=size, moments=list(moments), fine=True)
+    return list(draw(job, backend=backend or find_gl("a picture"), processes=1))
+
+
+def run_cameras(out: Path) -> tuple[str, ...]:
+    """Return the cameras of the worlds of a run."""
+    episode = next(read_lines(out))["episode"]
+    return scene_cameras(world_path(out, episode))
+
+
+@contextmanager
+def _encoder(film: Path, form: Format) -> Iterator[IO[bytes]]:
+    """Give a stream that takes raw pictures; the film is complete after the context."""
+    import imageio_ffmpeg
+
+    command = [
+        imageio_ffmpeg.get_ffmpeg_exe(), "-y", "-loglevel", "error",
+        "-f", "rawvideo", "-pix_fmt", "rgb24", "-s", "{}x{}".format(*form.size),
+        "-framerate", f"{form.fps:g}", "-i", "-",
+        "-c:v", "libx264", "-preset", "veryfast", "-crf", "20", "-pix_fmt", "yuv420p",
+        "-movflags", "+faststart", "-f", "mp4", str(film),
+    ]  # fmt: skip
+    with TemporaryFile() as errors:
+        process = subprocess.Popen(
+            command, stdin=subprocess.PIPE, stderr=errors, start_new_session=True
+        )
+        assert process.stdin is not None
+        try:
+            with suppress(BrokenPipeError):
+                yield process.stdin
+                process.stdin.close()
+            if process.wait() != 0:
+                errors.seek(0)
+                lines = errors.read().decode(errors="replace").strip().splitlines()
+                raise OSError(f"{film}: the film could not be encoded: {' '.join(lines[-1:])}")
+        finally:
+            process.kill()
+            process.wait()
+            with suppress(BrokenPipeError):
+                process.stdin.close()

@@ -98,6 +98,7 @@ def _film(config: RunConfig) -> Any:
     """
     if config.video is None:
         return None
+    from kr210_sim.film.format import Format
     from kr210_sim.video import film_run, find_gl
 
     target = Path(config.video) if config.video else None
@@ -106,4 +107,4 @@ def _film(config: RunConfig) -> Any:
     ):
         raise BadInput(f"--video: {target} must be a .mp4 in a folder that exists")
     backend = find_gl()
-    return lambda out, path: film_run(out, path, backend=backend)
+    return lambda out, path: film_run(out, path, Format(), backend=backend)
