@@ -19,6 +19,9 @@ MAX_CYCLES = 1_000_000
 MIN_MASS = 1e-3
 """Lightest target [kg]; MuJoCo needs some inertia."""
 
+MOST_SURE = 1 - 1e-6
+"""Highest confidence, and highest rate to prove; 14 million cycles prove that one."""
+
 MAX_JOBS = 1024
 MAX_SEED = 2**64 - 1
 
@@ -30,7 +33,8 @@ EPISODE_CYCLES = 10
 
 FREE = frozenset(
     {"cycles", "jobs", "backend", "resume", "out", "json", "video", "junit"}
-    | {"min_success", "max_ik_offset", "max_cycle_time"}
+    | {"min_success", "confidence", "stop_early", "indifference"}
+    | {"max_ik_offset", "max_cycle_time"}
 )
 """Options that may change when a run is resumed: none of them changes a cycle that is finished."""
 
@@ -85,6 +89,18 @@ class RunConfig:
     )
     ik: str = _option("analytic", "inverse kinematics to use: analytic or numeric", "NAME")
     min_success: float = _option(0.8, "success rate below which the exit status is 1", "F")
+    confidence: float | None = _option(
+        None, "with which --min-success must be proved, by an exact test", "C"
+    )
+    stop_early: bool = _option(
+        False, "end as soon as that is decided, by Wald's sequential test; --cycles at most"
+    )
+    indifference: float | None = _option(
+        None,
+        "of --stop-early: width above --min-success in which either verdict is right; default: "
+        "0.8 of what is left to 1",
+        "W",
+    )
     max_ik_offset: float | None = _option(
         None, "largest end-effector offset of any solved pose [m] above which it is 1", "M"
     )
@@ -131,18 +147,49 @@ class RunConfig:
         self._check_randomization()
         if self.ik not in SOLVERS:
             raise BadInput(f"--ik: no solver '{self.ik}'; give one of {', '.join(SOLVERS)}")
+        self._check_gates()
+
+    def _check_gates(self) -> None:
+        """Check what the run must reach, and that it can be proved."""
         if not 0 <= self.min_success <= 1:
             raise BadInput(f"--min-success: {self.min_success} is no rate; give 0 <= F <= 1")
+        self._check_proof()
         for name, unit in (("max_ik_offset", "m"), ("max_cycle_time", "s")):
             value = getattr(self, name)
             if value is not None and not (math.isfinite(value) and value > 0):
                 option = "--" + name.replace("_", "-")
                 raise BadInput(f"{option}: {value} is no limit; give a number of {unit} above 0")
 
+    def _check_proof(self) -> None:
+        if self.confidence is None and self.stop_early:
+            raise BadInput("--stop-early: how sure must the verdict be? give --confidence, as 0.95")
+        if self.indifference is not None and not self.stop_early:
+            raise BadInput("--indifference: it belongs to --stop-early; give both or neither")
+        if self.confidence is None:
+            return
+        if not 0.5 < self.confidence <= MOST_SURE:
+            raise BadInput(
+                f"--confidence: {self.confidence} is no confidence; give 0.5 < C < 1, as 0.95"
+            )
+        rate, width = self.min_success, self.indifference
+        if max(rate, 1 - rate) > MOST_SURE:
+            why = "needs no proof" if rate < 0.5 else "is proved by no sensible number of cycles"
+            raise BadInput(
+                f"--confidence: a rate of {rate} {why}; give --min-success, 0 < F < 1, as 0.95"
+            )
+        if width is not None and not rate < rate + width < 1:
+            raise BadInput(
+                f"--indifference: {width} is out of range; give more than 0 and less than "
+                f"{1 - rate:g}, what is left above --min-success"
+            )
+
     def gates(self) -> Gates:
         """Return what the run must reach."""
         return Gates(
             min_success=self.min_success,
+            confidence=self.confidence,
+            stop_early=self.stop_early,
+            indifference=self.indifference,
             max_ik_offset=self.max_ik_offset,
             max_cycle_time=self.max_cycle_time,
         )

@@ -5,6 +5,7 @@ from __future__ import annotations
 import errno
 import json
 import os
+import shutil
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
@@ -19,6 +20,7 @@ CYCLES = "cycles.jsonl"
 CONFIG = "config.json"
 SUMMARY = "summary.json"
 RECORDS = "cycles"
+WORLDS = "episodes"
 _PART = ".part"
 """Ending of a file that takes the name of another once it is complete."""
 
@@ -65,7 +67,17 @@ def record_path(out: Path, cycle: int) -> Path:
 
 def world_path(out: Path, episode: int) -> Path:
     """Return the file of an episode's world."""
-    return out / "episodes" / f"{episode:04d}" / "scene.xml"
+    return out / WORLDS / f"{episode:04d}" / "scene.xml"
+
+
+def drop_files(out: Path, *, episode: int, cycle: int) -> None:
+    """Remove records and worlds from an episode and its first cycle on; nobody needs them."""
+    for path in (out / RECORDS).glob("*.npz"):
+        if int(path.stem) >= cycle:
+            path.unlink()
+    for folder in (out / WORLDS).glob("*"):
+        if int(folder.name) >= episode:
+            shutil.rmtree(folder)
 
 
 class Journal:
@@ -75,18 +87,26 @@ class Journal:
         out: folder of the run.
         first: index of the first episode that is not written yet.
         waiting: lines of later episodes that are finished, by index.
+
+    Attributes:
+        next: index of the first episode that is not written.
+        enough: asked, with the cycles of each episode as it is written, whether none is needed
+            after it.
+        ended: whether that was so; nothing is written any more then.
     """
 
     def __init__(
         self, out: Path, *, first: int = 0, waiting: dict[int, list[str]] | None = None
     ) -> None:
         self._path = out / CYCLES
-        self._next = first
+        self.next = first
         self._waiting = waiting or {}
+        self.enough: Callable[[list[dict[str, Any]]], bool] = lambda lines: False
+        self.ended = False
 
     def finished(self, episode: int) -> bool:
         """Tell whether an episode needs not be run."""
-        return episode < self._next or episode in self._waiting
+        return self.ended or episode < self.next or episode in self._waiting
 
     def add(self, episode: int, lines: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
         """Take the cycles of an episode; return those that are written now.
@@ -97,18 +117,20 @@ class Journal:
         if not lines:
             return []
         self._waiting[episode] = [json.dumps(line, allow_nan=False) + "\n" for line in lines]
-        written: list[str] = []
+        written: list[dict[str, Any]] = []
         with no_interrupt():
-            while self._next in self._waiting:
-                self._append(self._waiting[self._next])
-                written += self._waiting.pop(self._next)
-                self._next += 1
-        return [json.loads(line) for line in written]
+            while self.next in self._waiting and not self.ended:
+                self._append(self._waiting[self.next])
+                fresh = [json.loads(line) for line in self._waiting.pop(self.next)]
+                written += fresh
+                self.next += 1
+                self.ended = self.enough(fresh)
+        return written
 
     def close(self) -> None:
-        """Write what waits for an episode that will not be finished now."""
+        """Write what waits for an episode that will not be finished now, if it is needed."""
         with no_interrupt():
-            for episode in sorted(self._waiting):
+            for episode in sorted(self._waiting) if not self.ended else ():
                 self._append(self._waiting.pop(episode))
 
     def _append(self, lines: Sequence[str]) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import platform
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import closing, suppress
 from dataclasses import replace
 from functools import partial
@@ -35,6 +35,7 @@ from kr210_sim.results import (
     SUMMARY,
     Journal,
     check_same,
+    drop_files,
     is_unused,
     new_folder,
     read_lines,
@@ -83,6 +84,7 @@ def run(config: RunConfig, *, on_cycle: OnCycle = lambda line: None) -> tuple[Pa
             wall_time_s=time.perf_counter() - started,
             simulated_s=campaign.simulated_s,
             lost_workers=campaign.lost,
+            stopped_early=campaign.stopped,
         )
         write_json(out / SUMMARY, summary)
         return summary
@@ -162,6 +164,7 @@ class _Campaign:
     Attributes:
         simulated_s: time simulated by now [s].
         lost: workers that were lost by now, as the summary has them.
+        stopped: whether the success rate was decided and the rest is left out.
     """
 
     def __init__(
@@ -171,14 +174,35 @@ class _Campaign:
         self._journal, self._on_cycle = journal, on_cycle
         self.simulated_s = 0.0
         self.lost: list[dict[str, Any]] = []
+        self.stopped = False
 
     def play(self) -> None:
-        """Play them all, each written as soon as those before it are."""
+        """Play them all, each written as soon as those before it are, or until it is decided."""
+        self._watch()
         if self._config.jobs == 1 and self._config.backend == "processes":
             self._play_here()
         else:
             self._play_by_workers()
         self._journal.close()
+        if self._journal.ended:
+            first = self._journal.next
+            cycle = first * episode_size(self._config, self._scene)
+            drop_files(self._out, episode=first, cycle=cycle)
+            self.stopped = True
+
+    def _watch(self) -> None:
+        """Let the journal end where the success rate is decided, by its cycles in their order."""
+        watch = self._config.gates().watch()
+        if watch is None:
+            return
+
+        def enough(lines: Iterable[Line]) -> bool:
+            for line in lines:
+                watch.see(line["success"])
+            return watch.decided
+
+        known = (line for line in read_lines(self._out) if line["episode"] < self._journal.next)
+        self._journal.enough, self._journal.ended = enough, enough(known)
 
     def _left(self) -> Iterator[Episode]:
         for episode in plan_episodes(self._config, self._scene):
@@ -214,6 +238,8 @@ class _Campaign:
                 self._take(played.episode, played.lines)
                 if played.error is not None:
                     raise played.error
+                if self._journal.ended:  # the workers of later episodes are ended with them
+                    break
 
     def _take(self, episode: int, lines: list[Line]) -> None:
         self.simulated_s += sum(line["simulated_s"] for line in lines)

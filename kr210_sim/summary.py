@@ -9,6 +9,7 @@ from typing import Any
 
 from kr210_sim.config import RunConfig
 from kr210_sim.criteria import CLEARANCE_CAP
+from kr210_sim.proof import UNDECIDED, Watch
 from kr210_sim.stats import Pool, spread, success_interval
 from kr210_sim.trajectory import MotionLimits
 
@@ -26,6 +27,7 @@ def summarize(
     wall_time_s: float,
     simulated_s: float,
     lost_workers: Sequence[Mapping[str, Any]] = (),
+    stopped_early: bool = False,
 ) -> dict[str, Any]:
     """Return `summary.json`.
 
@@ -37,25 +39,23 @@ def summarize(
         wall_time_s: of this session [s].
         simulated_s: of this session [s].
         lost_workers: episode, attempt and cause of every worker that was lost.
+        stopped_early: whether no more cycles are needed.
     """
-    tally = _Tally()
-    for line in lines:
-        tally.add(line)
+    gates = config.gates()
+    tally = _Tally(lines, gates.watch())
     cycles, succeeded = tally.cycles, tally.succeeded
-    rate = succeeded / cycles if cycles else None
-    complete = cycles == config.cycles
+    complete = stopped_early or cycles == config.cycles
     spreads = tally.spreads()
-    judged = config.gates().judge(
-        rate, spreads["ik_offset_m"]["max"], spreads["cycle_time_s"]["max"]
-    )
+    judged = gates.judge(succeeded, cycles, tally.watch, spreads)
     missed = [name for name, gate in judged.items() if not gate["met"]]
     return {
         "schema_version": 1,
         "complete": complete,
+        "stopped_early": stopped_early and cycles < config.cycles,
         "requested_cycles": config.cycles,
         "cycles": cycles,
         "succeeded": succeeded,
-        "success_rate": rate,
+        "success_rate": judged["min_success"]["value"],
         "ci95": list(success_interval(succeeded, cycles)) if cycles else None,
         "min_success": config.min_success,
         "gates": judged,
@@ -93,7 +93,8 @@ _OF_CLOCK = {"ik_time_s": _TIMES, "plan_time_s": _TIMES}
 class _Tally:
     """What a summary needs of all cycles: counts, pooled points, and a few numbers a cycle."""
 
-    def __init__(self) -> None:
+    def __init__(self, lines: Iterable[Mapping[str, Any]], watch: Watch | None) -> None:
+        self.watch = watch
         self.cycles = self.succeeded = 0
         self.sampled_motions = 0
         self.slowed = 0
@@ -101,10 +102,14 @@ class _Tally:
         self.reasons: Counter[str] = Counter()
         self._pools = {name: Pool() for name in _OF_POINTS}
         self._values = {name: array("d") for name in _OF_SUCCESSES | _OF_CYCLES | _OF_CLOCK}
+        for line in lines:
+            self._add(line)
 
-    def add(self, line: Mapping[str, Any]) -> None:
+    def _add(self, line: Mapping[str, Any]) -> None:
         self.cycles += 1
         self.succeeded += line["success"]
+        if self.watch is not None:
+            self.watch.see(line["success"])
         self.sampled_motions += len(line["sampled_motions"])
         if line["reason"] is not None:
             self.reasons[line["reason"]] += 1
@@ -174,9 +179,14 @@ def summary_text(summary: dict[str, Any]) -> str:
     gate = _verdict(summary["gates"]["min_success"])
     if not summary["complete"]:
         gate += f", {cycles} of {summary['requested_cycles']} cycles are finished"
+    reach = f"above {100 * low:.1f} %"
+    if succeeded < cycles:
+        reach = f"between {100 * low:.1f} and {100 * high:.1f} %"
     lines = [
         f"{succeeded} of {cycles} cycles succeeded ({100 * summary['success_rate']:.1f} %, 95 % "
         f"interval {100 * low:.1f} to {100 * high:.1f} %); gate {summary['min_success']:g}: {gate}",
+        f"proves         a success rate {reach} with 95 % confidence (exact), and no more",
+        *_tested(summary["gates"]["min_success"]),
         f"cycle time     mean {_number(summary['cycle_time_s']['mean'], 1, 2)} s, "
         f"p95 {_number(summary['cycle_time_s']['p95'], 1, 2)} s (simulated)",
         f"offsets, max   IK {_exponent(summary['ik_offset_m']['max'])} m, tracking "
@@ -209,8 +219,49 @@ def summary_text(summary: dict[str, Any]) -> str:
     return "\n".join(lines)
 
 
+def exit_text(summary: dict[str, Any]) -> str:
+    """Return the exit status of a run with its reason."""
+    if summary["passed"]:
+        return "exit status 0: all gates met"
+    why = [] if summary["complete"] else ["the run is not complete"]
+    for name in summary["gates_missed"]:
+        verdict = _verdict(summary["gates"][name]).lower()
+        why.append(f"--{name.replace('_', '-')} {'missed' if verdict == 'failed' else verdict}")
+    return f"exit status 1: {', '.join(why)}"
+
+
 def _verdict(gate: dict[str, Any]) -> str:
-    return "passed" if gate["met"] else "FAILED"
+    undecided = gate.get("proof", {}).get("verdict") == UNDECIDED
+    return "passed" if gate["met"] else "UNDECIDED" if undecided else "FAILED"
+
+
+def _tested(gate: dict[str, Any]) -> list[str]:
+    """Return what was tested to prove the success rate, and how far that is if it is undecided."""
+    if (proof := gate.get("proof")) is None:
+        return []
+    if "bounds" in proof:
+        low, high = proof["bounds"]
+        bound = f"at most {100 * high:.2f}" if high < gate["limit"] else f"at least {100 * low:.2f}"
+        tested = (
+            f"rate {bound} %, {100 * proof['confidence']:g} % confidence (exact, one-sided), to "
+            f"prove {gate['limit']:g}"
+        )
+    else:
+        decided = proof["decided_after"]
+        tested = (
+            f"Wald's sequential test of {proof['hypotheses'][0]:g} against "
+            f"{proof['hypotheses'][1]:g}, error rates up to {proof['alpha']:.3g} and "
+            f"{proof['beta']:.3g}" + (f": decided after {decided} cycles" if decided else "")
+        )
+    lines = [f"tested         {tested}"]
+    if proof["verdict"] == UNDECIDED:
+        ways = (
+            ("cycles_if_all_succeed", "{} if all that follow succeed"),
+            ("cycles_at_this_rate", "about {} at the rate so far"),
+        )
+        counts = [text.format(proof[name]) for name, text in ways if proof[name] is not None]
+        lines.append(f"cycles needed  {', '.join(counts) or 'more than anybody can run'}")
+    return lines
 
 
 def _further_gates(gates: dict[str, Any]) -> list[str]:

@@ -22,7 +22,7 @@ PRINTING = ("cli", "video", "verbs.")
 
 WITHOUT_MUJOCO = (
     "arrays", "compare", "config", "criteria", "exceptions", "gates", "legs", "path", "planning",
-    "randomize",
+    "proof", "randomize",
     "record", "resources", "sampling", "score", "stats", "success_map", "summary", "task",
     "tcp_limits", "time_law", "tracks", "trajectory",
 )  # fmt: skip

@@ -40,6 +40,8 @@ BAD = [
     ("--min-success", "1.01"), ("--min-success", "-0.1"), ("--min-success", "nan"),
     ("--max-ik-offset", "0"), ("--max-ik-offset", "nan"), ("--max-ik-offset", "-1"),
     ("--max-cycle-time", "0"), ("--max-cycle-time", "inf"), ("--max-cycle-time", "soon"),
+    ("--confidence", "0.5"), ("--confidence", "1"), ("--confidence", "nan"), ("--confidence", "x"),
+    ("--indifference", "0.1"),
     ("--cell", "12"), ("--cell", "0"), ("--cell", "-1"), ("--cell", "1.5"), ("--cell", "middle"),
     ("--cell", "9" * 5000), ("--cell", "\u0665"),
     ("--robot", "nothing.xacro"), ("--robot", "."), ("--robot", ""),
@@ -137,6 +139,7 @@ def test_a_run_that_passes_exits_with_0_and_shows_its_table(here, capfd):
     assert main(["run", "--cycles", "1", "--cell", "5", "--out", "results/first"]) == 0
     out, err = capfd.readouterr()
     assert "1 of 1 cycles succeeded" in out
+    assert out.endswith("exit status 0: all gates met\n")
     assert "results/first" in out
     assert "\x1b" not in out + err
     assert json.loads((here / "results" / "first" / "summary.json").read_text())["passed"]
@@ -229,7 +232,8 @@ def test_the_help_of_run_names_every_option_with_its_default(capsys):
     text = capsys.readouterr().out
     for option in (
         "--cycles", "--seed", "--scene", "--robot", "--cell", "--mass", "--speed",
-        "--clearance", "--ik", "--min-success", "--out", "--json", "--video", "--list-scenes",
+        "--clearance", "--ik", "--min-success", "--confidence", "--stop-early",
+        "--indifference", "--out", "--json", "--video", "--list-scenes",
     ):  # fmt: skip
         assert option in text
     assert "(default: 10)" in text

@@ -11,7 +11,7 @@ import pytest
 from kr210_sim.config import RunConfig
 from kr210_sim.record import CycleRecord, Event
 from kr210_sim.score import score_cycle
-from kr210_sim.summary import HEADER, cycle_line, summarize, summary_text
+from kr210_sim.summary import HEADER, cycle_line, exit_text, summarize, summary_text
 
 KEYS = {
     "cycles", "succeeded", "success_rate", "ci95", "passed", "seed", "cycle_time_s",
@@ -227,3 +227,39 @@ def test_the_text_says_the_rate_its_interval_and_the_gate(summary_of, good_cycle
 
 def test_the_text_says_that_the_success_rate_failed(summary_of, good_cycle, failed):
     assert "gate 0.8: FAILED" in summary_text(summary_of([good_cycle, failed("no_path")]))
+
+
+def test_the_text_says_what_the_cycles_prove_and_no_more(summary_of, good_cycle, failed):
+    text = summary_text(summary_of([good_cycle] * 10))
+    assert "proves         a success rate above 69.2 % with 95 % confidence (exact), and no" in text
+    text = summary_text(summary_of([good_cycle] * 8 + [failed("no_path")] * 2))
+    assert "a success rate between 44.4 and 97.5 %" in text
+
+
+def test_an_undecided_run_says_how_many_cycles_it_takes(summary_of, good_cycle, failed):
+    summary = summary_of([good_cycle] * 10, 0.95, confidence=0.95)
+    text = summary_text(summary)
+    assert "gate 0.95: UNDECIDED" in text
+    assert "rate at least 74.11 %, 95 % confidence (exact, one-sided), to prove 0.95" in text
+    assert "cycles needed  59 if all that follow succeed, about 59 at the rate so far" in text
+    assert exit_text(summary) == "exit status 1: --min-success undecided"
+    text = summary_text(summary_of([failed("no_path")] * 10, 0.95, confidence=0.95))
+    assert "gate 0.95: FAILED" in text
+    assert "rate at most 25.89 %" in text
+    assert "cycles needed" not in text
+
+
+def test_a_sequential_verdict_says_its_test_and_its_cycle(summary_of, good_cycle):
+    proof = {"confidence": 0.95, "stop_early": True}
+    text = summary_text(summary_of([good_cycle] * 20, 0.8, **proof))
+    assert "Wald's sequential test of 0.8 against 0.96, error rates up to 0.05 and 0.05" in text
+    assert "decided after 17 cycles" in text
+    text = summary_text(summary_of([good_cycle] * 16, 0.8, **proof))
+    assert "UNDECIDED" in text
+    assert "cycles needed  17 if all" in text
+
+
+def test_the_exit_status_is_told_with_its_reason(summary_of, good_cycle):
+    assert exit_text(summary_of([good_cycle])) == "exit status 0: all gates met"
+    missed = summary_of([good_cycle], 1.0, max_cycle_time=0.1, requested=2)
+    assert exit_text(missed) == "exit status 1: the run is not complete, --max-cycle-time missed"

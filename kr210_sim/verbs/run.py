@@ -51,7 +51,7 @@ def _run(options: argparse.Namespace) -> int:
     _check_junit(config)
     from kr210_sim.results import read_lines
     from kr210_sim.runner import run
-    from kr210_sim.summary import HEADER, cycle_line, summary_text
+    from kr210_sim.summary import HEADER, cycle_line, exit_text, summary_text
 
     text = sys.stderr if config.json else sys.stdout
     bar = ProgressBar(config.cycles, sys.stderr)
@@ -79,6 +79,7 @@ def _run(options: argparse.Namespace) -> int:
             target = Path(config.video or out / "film.mp4")
             film(out, target)
             print(f"film           {target}", file=text)
+        print(exit_text(summary), file=text, flush=True)
     return EXIT_PASSED if summary["passed"] else EXIT_GATE
 
 
