@@ -12,6 +12,7 @@ from typing import Any, cast, get_args, get_origin, get_type_hints
 from kr210_sim.criteria import CLEARANCE_CAP, CLEARANCE_FREE
 from kr210_sim.exceptions import BadInput
 from kr210_sim.gates import Gates
+from kr210_sim.grading.source import FRAMES, SCOPES, SolverLimits, SolverSource
 from kr210_sim.randomize import Randomization, read_randomization
 from kr210_sim.source import RobotSource
 
@@ -87,7 +88,22 @@ class RunConfig:
     randomize: str | None = _option(
         None, "what is random: course, nominal, hard, or a .toml or .json file", "PRESET|FILE"
     )
-    ik: str = _option("analytic", "inverse kinematics to use: analytic or numeric", "NAME")
+    ik: str = _option(
+        "analytic",
+        "inverse kinematics to use: analytic, numeric, or your own as FILE.py:FUNC or MODULE:FUNC",
+        "NAME",
+    )
+    ik_scope: str | None = _option(
+        None,
+        "where your own is asked: course (the two planned legs, the default) or all (the straight "
+        "lines as well)",
+        "WHICH",
+    )
+    frame: str = _option(
+        "gripper_link", "frame whose poses your own is sent: gripper_link or link_6", "LINK"
+    )
+    pose_timeout: float = _option(30.0, "longest time your own may take for one pose [s]", "S")
+    time_limit: float = _option(900.0, "longest time it may take for all of an episode [s]", "S")
     min_success: float = _option(0.8, "success rate below which the exit status is 1", "F")
     confidence: float | None = _option(
         None, "with which --min-success must be proved, by an exact test", "C"
@@ -145,8 +161,7 @@ class RunConfig:
             )
         self.robot_source()
         self._check_randomization()
-        if self.ik not in SOLVERS:
-            raise BadInput(f"--ik: no solver '{self.ik}'; give one of {', '.join(SOLVERS)}")
+        self._check_solver()
         self._check_gates()
 
     def _check_gates(self) -> None:
@@ -182,6 +197,34 @@ class RunConfig:
                 f"--indifference: {width} is out of range; give more than 0 and less than "
                 f"{1 - rate:g}, what is left above --min-success"
             )
+
+    def own_solver(self) -> SolverSource | None:
+        """Return where the user's own solver is, None without one.
+
+        Raises:
+            BadInput: naming the option.
+        """
+        return None if self.ik in SOLVERS else SolverSource.parse(self.ik)
+
+    @property
+    def scope(self) -> str | None:
+        """Where the solver is asked, None for all lines that the planner tries."""
+        return self.ik_scope or (None if self.ik in SOLVERS else SCOPES[0])
+
+    def solver_limits(self) -> SolverLimits:
+        """Return what the user's own solver may use."""
+        return SolverLimits(pose_timeout=self.pose_timeout, time_limit=self.time_limit)
+
+    def _check_solver(self) -> None:
+        """Check what concerns the user's own solver."""
+        self.own_solver()
+        self.solver_limits()
+        if self.frame not in FRAMES:
+            raise BadInput(f"--frame: no '{self.frame}'; give one of {', '.join(FRAMES)}")
+        if self.ik_scope is not None and self.ik_scope not in SCOPES:
+            raise BadInput(f"--ik-scope: no '{self.ik_scope}'; give one of {', '.join(SCOPES)}")
+        if self.ik_scope is not None and self.ik == "analytic":
+            raise BadInput("--ik-scope: the analytic IK plans all legs; name another by --ik")
 
     def gates(self) -> Gates:
         """Return what the run must reach."""

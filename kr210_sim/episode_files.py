@@ -12,7 +12,7 @@ from typing import Any
 import mujoco
 
 from kr210_sim.config import RunConfig
-from kr210_sim.episodes import Episode, episode_targets, load_world, make_solver, run_episode
+from kr210_sim.episodes import Episode, episode_targets, load_world, run_episode, solver_of
 from kr210_sim.interrupts import no_interrupt
 from kr210_sim.mjcf_files import save_model
 from kr210_sim.playback import episode_world
@@ -131,23 +131,25 @@ def play_episode(
                 raise
 
     try:
-        for score in run_episode(
-            scene,
-            episode,
-            mass=config.mass,
-            limits=limits,
-            solver=make_solver(config.ik, scene.robot),
-            clearance=config.clearance,
-            randomization=block,
-        ):
-            record = score.record
-            if config.record == "all" or (config.record == "failed" and not score.success):
-                _save_record(record, record_path(out, record.cycle))
-                kept.append(replace(record, series={}))
-            if record.cycle == episode.first_cycle + len(episode.seeds) - 1:
-                write_world()
-                written = True
-            yield score.as_json()
+        with solver_of(config, scene.robot) as solver:
+            for score in run_episode(
+                scene,
+                episode,
+                mass=config.mass,
+                limits=limits,
+                solver=solver,
+                scope=config.scope,
+                clearance=config.clearance,
+                randomization=block,
+            ):
+                record = score.record
+                if config.record == "all" or (config.record == "failed" and not score.success):
+                    _save_record(record, record_path(out, record.cycle))
+                    kept.append(replace(record, series={}))
+                if record.cycle == episode.first_cycle + len(episode.seeds) - 1:
+                    write_world()
+                    written = True
+                yield score.as_json()
     finally:
         if not written:
             write_world()

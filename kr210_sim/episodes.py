@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
+from contextlib import closing, contextmanager
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -13,6 +14,8 @@ from kr210_sim.config import RunConfig
 from kr210_sim.criteria import CLEARANCE_FREE
 from kr210_sim.cycle import CycleSetup, Probe, run_cycle
 from kr210_sim.exceptions import BadInput
+from kr210_sim.grading.findings import Refused
+from kr210_sim.grading.foreign import ForeignSolver
 from kr210_sim.loading import load_robot
 from kr210_sim.randomize import Randomization
 from kr210_sim.robot import Robot
@@ -76,11 +79,31 @@ def load_world(config: RunConfig) -> Scene:
     return scene
 
 
-def make_solver(name: str, robot: Robot) -> Solver | None:
-    """Return the solver of `--ik NAME`, None for the analytic one."""
-    if name == "analytic":
-        return None
-    return ik.numeric_solver(robot.geometry, robot.lower, robot.upper)
+@contextmanager
+def solver_of(config: RunConfig, robot: Robot) -> Iterator[Solver | None]:
+    """Give the solver of `--ik`, None for the analytic one; its process ends with the context."""
+    source = config.own_solver()
+    if source is None:
+        is_numeric = config.ik == "numeric"
+        yield ik.numeric_solver(robot.geometry, robot.lower, robot.upper) if is_numeric else None
+        return
+    solver = ForeignSolver(source, robot, frame=config.frame, limits=config.solver_limits())
+    with closing(solver):
+        yield solver
+
+
+def check_solver(config: RunConfig, robot: Robot) -> None:
+    """Load the user's own solver once.
+
+    Raises:
+        BadInput: if it cannot be loaded, with the line of its source.
+    """
+    with solver_of(config, robot) as solver:
+        if isinstance(solver, ForeignSolver):
+            try:
+                solver.load()
+            except Refused as refused:
+                raise BadInput(f"--ik: {refused.finding.text(solver.source.name)}") from refused
 
 
 def episode_size(config: RunConfig, scene: Scene) -> int:
@@ -154,6 +177,7 @@ def run_episode(
     mass: float,
     limits: MotionLimits,
     solver: Solver | None = None,
+    scope: str | None = None,
     clearance: float = CLEARANCE_FREE,
     randomization: Randomization | None = None,
     probe: Probe | None = None,
@@ -177,6 +201,7 @@ def run_episode(
             seed=episode.seeds[index],
             limits=limits,
             solver=solver,
+            scope=scope,
             clearance=clearance,
             variation=variation,
         )

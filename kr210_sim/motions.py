@@ -8,6 +8,7 @@ import numpy as np
 
 from kr210_sim.arrays import Array
 from kr210_sim.collision import MujocoOracle
+from kr210_sim.course import CourseDriver
 from kr210_sim.criteria import CLEARANCE_FREE
 from kr210_sim.exceptions import CycleFailure
 from kr210_sim.legs import Hand
@@ -32,6 +33,8 @@ class CycleSetup:
         limits: joint limits of every motion.
         tcp_limits: Cartesian limits of every motion.
         solver: an IK that takes the place of the analytic one.
+        scope: where the solver is asked: one of `source.SCOPES`, or None for all lines that the
+            planner tries.
         clearance: kept to everything outside the cells [m].
         variation: what the planner and the controller do not know.
     """
@@ -42,6 +45,7 @@ class CycleSetup:
     limits: MotionLimits
     tcp_limits: TcpLimits = field(default_factory=TcpLimits)
     solver: Solver | None = None
+    scope: str | None = None
     clearance: float = CLEARANCE_FREE
     variation: Variation = field(default_factory=Variation)
 
@@ -87,8 +91,9 @@ def plan_cycle(
         p_base_release = release_point(
             place.T_base_place, place.half_size, place.kind, target.length, simulation.placed()
         )
+    in_planner = setup.solver if setup.scope is None else None
     planner = CyclePlanner(
-        scene.robot, oracle, setup.solver, seed=setup.seed, clearance=setup.clearance
+        scene.robot, oracle, in_planner, seed=setup.seed, clearance=setup.clearance
     )
     plan = planner.plan(
         q_home=np.zeros(6),
@@ -96,6 +101,9 @@ def plan_cycle(
         picks=pick_options(target.T_base_target, scene.cell(target.cell).T_base_cell),
         places=place_options(p_base_release),
     )
+    if setup.solver is not None and setup.scope is not None:
+        driver = CourseDriver(scene.robot, oracle, setup.solver, scope=setup.scope, seed=setup.seed)
+        plan = driver.drive(plan)
     return plan, [
         _within_tcp_limits(motion, oracle, setup, scene.robot, target.mass)
         for motion in plan.motions

@@ -37,6 +37,7 @@ __all__ = [
     "Leg",
     "Motion",
     "SolvedPoses",
+    "motions_of",
 ]
 
 MAX_TRIALS = 60
@@ -281,7 +282,7 @@ class CyclePlanner:
             q=np.concatenate([pick.q, place.q]),
         )
         return CyclePlan(
-            motions=_motions(legs),
+            motions=motions_of(legs),
             solved=solved,
             p_base_release=self._robot.forward(place.q[-1])[:3, 3],
             seconds_per_pose=self._finder.seconds / self._finder.poses,
@@ -295,11 +296,11 @@ def _further(one: Blocked | None, other: Blocked) -> Blocked:
     return one
 
 
-def _motions(legs: list[Leg]) -> tuple[Motion, ...]:
+def motions_of(legs: list[Leg]) -> tuple[Motion, ...]:
     """Group legs into motions that end where the arm must stop."""
     motions: list[list[Leg]] = [[]]
     for leg in legs:
-        motions[-1].append(leg)
-        if leg.stage in STOPS:
+        if motions[-1] and motions[-1][-1].stage in STOPS - {leg.stage}:
             motions.append([])
+        motions[-1].append(leg)
     return tuple(tuple(motion) for motion in motions)

@@ -26,7 +26,7 @@ from kr210_sim.episode_files import (
     play_episode,
     silence_mujoco,
 )
-from kr210_sim.episodes import Episode, episode_size, load_world, plan_episodes
+from kr210_sim.episodes import Episode, check_solver, episode_size, load_world, plan_episodes
 from kr210_sim.exceptions import Interrupted, NotWritten
 from kr210_sim.interrupts import no_interrupt
 from kr210_sim.randomize import PRESETS
@@ -72,6 +72,7 @@ def run(config: RunConfig, *, on_cycle: OnCycle = lambda line: None) -> tuple[Pa
     started = time.perf_counter()
     silence_mujoco()
     scene = load_world(config)
+    check_solver(config, scene.robot)
     out, journal = _open(config, scene)
     campaign = _Campaign(config, scene, out, journal, on_cycle)
 
@@ -139,6 +140,7 @@ def _provenance(config: RunConfig, scene: Scene) -> dict[str, Any]:
         "randomization": None if (block := config.randomization()) is None else block.as_json(),
         "scene_cells": len(scene.cells),
         "world_sha256": hashlib.sha256(content.tobytes()).hexdigest(),
+        "solver_sha256": _solver_checksum(config),
         "versions": {"kr210-sim": __version__, "python": platform.python_version()}
         | {name: version(name) for name in packages}
         | {"ompl": version("ompl") if sampling.available() else None},
@@ -153,9 +155,25 @@ def _absolute(config: RunConfig) -> RunConfig:
         config,
         scene=config.scene if config.scene in list_scenes() else str(Path(config.scene).absolute()),
         robot=config.robot and config.robot.absolute(),
+        ik=_absolute_solver(config),
         randomize=str(Path(config.randomize or "").absolute()) if own_block else config.randomize,
         package=tuple(f"{name}={Path(folder).absolute()}" for name, _, folder in folders),
     )
+
+
+def _solver_checksum(config: RunConfig) -> str | None:
+    """Return the checksum of the file of the user's own solver."""
+    source = config.own_solver()
+    if source is None or source.file is None:
+        return None
+    return hashlib.sha256(source.file.read_bytes()).hexdigest()
+
+
+def _absolute_solver(config: RunConfig) -> str:
+    source = config.own_solver()
+    if source is None or source.file is None:
+        return config.ik
+    return f"{source.file}:{source.function}"
 
 
 class _Campaign:

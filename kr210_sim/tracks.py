@@ -103,7 +103,7 @@ class TrackFinder:
             branches = ik.inverse(self._robot.geometry, T_base_palm).q
             self.seconds += time.perf_counter() - started
             return list(self._follow(branches, anchor))
-        answers = [_answer(self._solver, poses, q_start) for poses in T_base_palm]
+        answers = [ask(self._solver, poses, q_start) for poses in T_base_palm]
         self.seconds += time.perf_counter() - started
         return [(k, q) for k, answer in enumerate(answers) for q in self._accept(answer)]
 
@@ -174,6 +174,35 @@ class TrackFinder:
             yield q
 
 
+def follow(robot: Robot, T_base_palm: Array, q_start: Array) -> Array:
+    """Return the configurations (N, 6) that go on from one along poses, branch and turns kept.
+
+    Args:
+        robot: limits and geometry.
+        T_base_palm: (N, 4, 4) the poses, close together; the first is where `q_start` is.
+        q_start: (6,) [rad].
+
+    Raises:
+        CycleFailure: unreachable, no_path or joint_limits.
+    """
+    branches = ik.inverse(robot.geometry, T_base_palm).q
+    if np.any(np.all(np.isnan(branches[..., 0]), axis=1)):
+        raise CycleFailure("unreachable", "the straight line leads out of reach")
+    sequences = _nearest(branches[:, None])[:, 0]  # (N, 8, 6)
+    turn = sequences[0] - q_start
+    turns = _TURN * np.round(turn / _TURN)
+    q = sequences - turns
+    apart = np.max(np.abs(turn - turns), axis=1)
+    best = int(np.nanargmin(apart))
+    q = q[:, best]
+    steps = np.abs(np.diff(q, axis=0, prepend=q_start[None]))
+    if not np.max(steps) <= BRANCH_JUMP:
+        raise CycleFailure("no_path", "the branch does not stay continuous along the straight line")
+    if not np.all(ik.within_limits(q, robot.lower, robot.upper)):
+        raise CycleFailure("joint_limits", "the straight line leads beyond a joint limit")
+    return np.asarray(q)
+
+
 def _nearest(steps: Array) -> Array:
     """Return the sequences (N, K, 8, 6) that go on from each branch to the nearest one.
 
@@ -195,7 +224,7 @@ def _nearest(steps: Array) -> Array:
     return np.array(found)
 
 
-def _answer(solver: Solver, T_base_palm: Array, q_start: Array) -> Array:
+def ask(solver: Solver, T_base_palm: Array, q_start: Array) -> Array:
     """Ask a solver, and hold it to the agreed form of the answer.
 
     Raises:
@@ -203,6 +232,8 @@ def _answer(solver: Solver, T_base_palm: Array, q_start: Array) -> Array:
     """
     try:
         answer = np.asarray(solver(T_base_palm.copy(), q_start.copy()))
+    except CycleFailure:
+        raise
     except Exception as error:  # whatever foreign code raises is a finding, not our crash
         detail = f"the solver raised {type(error).__name__}: {' '.join(str(error).split())}"
         raise CycleFailure("bad_ik", detail) from error
