@@ -21,13 +21,14 @@ from kr210_sim.config import RunConfig
 from kr210_sim.cycle import CycleSetup, TimedMotion, plan_cycle
 from kr210_sim.episodes import TARGET_LENGTH, load_world, plan_episodes, run_episode
 from kr210_sim.exceptions import CycleFailure
+from kr210_sim.limits import MotionLimits
 from kr210_sim.planning import CyclePlan, Motion
 from kr210_sim.robot import Robot
 from kr210_sim.scene import Scene, Target
 from kr210_sim.simulation import Simulation
 from kr210_sim.task import WALL_MARGIN
 from kr210_sim.time_law import TimeLaw
-from kr210_sim.trajectory import MotionLimits, Trajectory
+from kr210_sim.trajectory import Trajectory
 
 RATIO_LIMIT = 1.35
 """Planned over TOPP-RA's time above which a motion is listed."""

@@ -7,10 +7,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from kr210_sim.arrays import Array
+from kr210_sim.limits import JERK_TIME
 from kr210_sim.robot import ACCELERATION_TIME
 from kr210_sim.simulation import Simulation
 from kr210_sim.time_law import TimeLaw
-from kr210_sim.trajectory import JERK_TIME, Trajectory
+from kr210_sim.trajectory import Trajectory
 
 FINGER_QUICKNESS = 5.0
 """Fingers reach their velocity limit this many times sooner than the arm joints theirs."""

@@ -14,13 +14,13 @@ import mujoco
 from kr210_sim.config import RunConfig
 from kr210_sim.episodes import Episode, episode_targets, load_world, run_episode, solver_of
 from kr210_sim.interrupts import no_interrupt
+from kr210_sim.limits import MotionLimits
 from kr210_sim.mjcf_files import save_model
 from kr210_sim.playback import episode_world
 from kr210_sim.record import CycleRecord, Event, save_record, unplayed_record
 from kr210_sim.results import named, record_path, world_path
 from kr210_sim.scene import Scene
 from kr210_sim.score import score_cycle
-from kr210_sim.trajectory import MotionLimits
 from kr210_sim.workers import Loss
 
 HANG_GRACE = 120.0

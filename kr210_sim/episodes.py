@@ -16,6 +16,7 @@ from kr210_sim.cycle import CycleSetup, Probe, run_cycle
 from kr210_sim.exceptions import BadInput
 from kr210_sim.grading.findings import Refused
 from kr210_sim.grading.foreign import ForeignSolver
+from kr210_sim.limits import MotionLimits
 from kr210_sim.loading import load_robot
 from kr210_sim.randomize import Randomization
 from kr210_sim.robot import Robot
@@ -23,7 +24,6 @@ from kr210_sim.scene import Scene, Target, build_scene, find_scene
 from kr210_sim.score import CycleScore, score_cycle
 from kr210_sim.simulation import Simulation
 from kr210_sim.tracks import Solver
-from kr210_sim.trajectory import MotionLimits
 from kr210_sim.variation import Variation, check_block, vary
 
 TARGET_LENGTH = 0.25  # [m]

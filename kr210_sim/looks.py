@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import copy
 from itertools import product
 from typing import Any
 
@@ -12,8 +11,8 @@ from numpy.typing import NDArray
 
 from kr210_sim import pairs
 from kr210_sim.arrays import Array
-from kr210_sim.boxes import BoxPairs
-from kr210_sim.pairs import BASE, FIXED, FIXTURE, GROUPS, HAND, NEAR, NEAR_SELF, Seen
+from kr210_sim.distances import GeomPairs
+from kr210_sim.pairs import BASE, FIXED, FIXTURE, GROUPS, HAND, NEAR, Seen
 from kr210_sim.scene import ROBOT_PREFIX, Scene, Target
 from kr210_sim.simulation import Simulation
 
@@ -23,8 +22,7 @@ _CORNERS = np.array(list(product((-1.0, 1.0), repeat=3)))
 class Eyes:
     """Sees what is near the arm, gripper and target at any configuration.
 
-    It works on its own copy of the model, with contact margins wide enough to see what is near,
-    and on the state of the world at the moment it is made.
+    It works on the state of the world at the moment it is made.
 
     Attributes:
         looks: number of configurations looked at so far.
@@ -33,11 +31,10 @@ class Eyes:
 
     def __init__(self, simulation: Simulation, scene: Scene, target: Target) -> None:
         robot = scene.robot
-        self._model = model = copy.copy(simulation.model)
+        self._model = model = simulation.model
         self._data = mujoco.MjData(model)
         self._data.qpos[:] = simulation.data.qpos
         self._data.qpos[simulation.addresses.fingers] = robot.open_positions
-        model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_MULTICCD
         self._arm = simulation.addresses.arm
         self._joints = np.array([model.joint(ROBOT_PREFIX + n).id for n in robot.arm_joints])
         root = simulation.body_id(robot.root)
@@ -50,17 +47,12 @@ class Eyes:
         _write_pose(self._standing, T[:3, 3], T[:3, :3].ravel())
         self._role = _roles(simulation, scene, target)
         self._group = _groups(model, self._links)
-        self._sort = self._role * GROUPS + self._group
         mujoco.mj_kinematics(model, self._data)
-        self._boxes = BoxPairs(model, self._data, self._group, NEAR)
-        self._kind, self._pair = pairs.tables()
-        one, other = self._sort[self._boxes.geoms.T]
-        self._box_kind, self._box_pair = self._kind[:, one, other], self._pair[:, one, other]
-        is_target = self._role == pairs.TARGET
-        _collide_by_class(model, self._group >= BASE, is_target, self._boxes.is_box)
-        model.geom_margin[:] = np.where(self._group >= BASE, NEAR_SELF / 2, NEAR - NEAR_SELF / 2)
-        model.body_margin[:] = 0.0  # what the broad phase goes by
-        np.maximum.at(model.body_margin, model.geom_bodyid, model.geom_margin)
+        # What may be held is a part of its own.
+        part = np.where(self._role == pairs.TARGET, GROUPS, self._group)
+        self._pairs = GeomPairs(model, self._data, part, NEAR)
+        sorts = (self._role * GROUPS + self._group)[self._pairs.geoms]
+        self._kind, self._pair = (table[:, *sorts.T] for table in pairs.tables())
         balls = [self._balls(held) for held in (False, True)]
         self._centers, self._radii = (np.array(x) for x in zip(*balls, strict=True))
         self.looks = self.calls = 0
@@ -80,22 +72,17 @@ class Eyes:
             data.xpos, data.xmat, data.xanchor, data.xaxis, data.geom_xpos, data.geom_xmat
         )  # fmt: skip
         copies = [np.empty((len(q), *field.shape)) for field in fields]
-        geoms, distances = [], []
         for index, row in enumerate(q):
             data.qpos[self._arm] = row
             self._pose(bool(held[index]))
             for copied, field in zip(copies, fields, strict=True):
                 copied[index] = field
-            mujoco.mj_collision(self._model, data)
-            contact = data.contact
-            geoms.append(np.array(contact.geom))
-            distances.append(np.array(contact.dist))
         position, rotation, anchor, axis, *poses = copies
         position = position[:, self._links]
         rotation = rotation[:, self._links].reshape(-1, 7, 3, 3)
         centers = position + (rotation @ self._centers[held.astype(int)][..., None])[..., 0]
         return Seen(
-            **self._found(geoms, distances, poses, hands, required),
+            **self._found(hands, required, poses),
             centers=centers,
             radii=self._radii[held.astype(int)],
             anchor=anchor[:, self._joints],
@@ -107,40 +94,26 @@ class Eyes:
         return str(self._model.body(int(self._model.geom_bodyid[geom])).name or "world")
 
     def _found(
-        self,
-        geoms: list[NDArray[np.int32]],
-        distances: list[Array],
-        poses: list[Array],
-        hands: NDArray[np.int64],
-        required: Array,
+        self, hands: NDArray[np.int64], required: Array, poses: list[Array]
     ) -> dict[str, NDArray[Any]]:
         """Return row, geoms, kind, pair and distance of what is near.
 
         Args:
-            geoms: (n, 2) of the contacts at each configuration.
-            distances: (n,) of these contacts [m].
-            poses: (B, ngeom, 3), (B, ngeom, 9) of the geoms.
             hands: as for `see`.
             required: as for `see`.
+            poses: (B, ngeom, 3), (B, ngeom, 9) of the geoms.
         """
-        boxes = self._boxes
-        row = np.repeat(np.arange(len(geoms)), [len(some) for some in geoms])
-        touching, distance = np.concatenate(geoms), np.concatenate(distances)
-        # Contacts of boxes occur only in models of which `_collide_by_class` leaves the bits.
-        keep = ~np.all(boxes.is_box[touching], axis=1)
-        row, touching, distance = row[keep], touching[keep], distance[keep]
-        one, other = self._sort[touching.T]
-        box_row, box, bound = boxes.bounds(poses[0])
-        kind = self._box_kind[hands[box_row], box]
-        boxes.sharpen((box_row, box, bound), required[box_row, kind], self._data, poses)
+        row, pair, distance = self._pairs.bounds(*poses)
+        kind = self._kind[hands[row], pair]
+        counts = kind != pairs.IGNORED
+        row, pair, distance, kind = row[counts], pair[counts], distance[counts], kind[counts]
+        self._pairs.sharpen((row, pair, distance), required[row, kind], self._data, poses)
         return {
-            "row": np.concatenate([row, box_row]),
-            "geoms": np.concatenate([touching, boxes.geoms[box]]),
-            "kind": np.concatenate([self._kind[hands[row], one, other], kind]),
-            "pair": np.concatenate(
-                [self._pair[hands[row], one, other], self._box_pair[hands[box_row], box]]
-            ),
-            "distance": np.concatenate([distance, bound]),
+            "row": row,
+            "geoms": self._pairs.geoms[pair],
+            "kind": kind,
+            "pair": self._pair[hands[row], pair],
+            "distance": distance,
         }
 
     def _pose(self, held: bool) -> None:
@@ -206,28 +179,3 @@ def _groups(model: mujoco.MjModel, links: NDArray[np.int64]) -> NDArray[np.int64
         if body in links:
             group[body] += 1
     return np.asarray(group[model.geom_bodyid])
-
-
-def _collide_by_class(
-    model: mujoco.MjModel,
-    robot: NDArray[np.bool_],
-    target: NDArray[np.bool_],
-    is_box: NDArray[np.bool_],
-) -> None:
-    """Set the collision bits so that MuJoCo leaves out what does not count.
-
-    That is what neither moves nor is held, and pairs of boxes, which `BoxPairs` answers for. Only
-    where the bits have their usual values; other models take longer, with the same answers.
-    """
-    solid = (model.geom_contype != 0) | (model.geom_conaffinity != 0)
-    if np.any(model.geom_contype[solid] != 1) or np.any(model.geom_conaffinity[solid] != 1):
-        return
-    moves = robot | target
-    own = np.where(moves, 1, 4) << is_box.astype(np.int64)  # 1, 2: moves; 4, 8: fixed
-    meets = np.where(moves, np.where(is_box, 1 | 4, 15), 0)
-    model.geom_contype[:] = np.where(solid, own, 0)
-    model.geom_conaffinity[:] = np.where(solid, meets, 0)
-    model.body_contype[:] = 0
-    model.body_conaffinity[:] = 0
-    np.bitwise_or.at(model.body_contype, model.geom_bodyid, model.geom_contype)
-    np.bitwise_or.at(model.body_conaffinity, model.geom_bodyid, model.geom_conaffinity)

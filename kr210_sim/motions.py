@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -11,7 +12,8 @@ from kr210_sim.collision import MujocoOracle
 from kr210_sim.course import CourseDriver
 from kr210_sim.criteria import CLEARANCE_FREE
 from kr210_sim.exceptions import CycleFailure
-from kr210_sim.legs import Hand
+from kr210_sim.legs import ClearanceOracle, Hand, Question
+from kr210_sim.limits import MotionLimits
 from kr210_sim.planning import CyclePlan, CyclePlanner, Motion
 from kr210_sim.robot import Robot
 from kr210_sim.scene import Target
@@ -19,7 +21,7 @@ from kr210_sim.simulation import Simulation
 from kr210_sim.task import pick_options, place_options, release_point
 from kr210_sim.tcp_limits import TcpLimits
 from kr210_sim.tracks import Solver
-from kr210_sim.trajectory import MotionLimits, Trajectory, time_paths
+from kr210_sim.trajectory import Trajectory, time_chains
 from kr210_sim.variation import Variation
 
 
@@ -104,37 +106,45 @@ def plan_cycle(
     if setup.solver is not None and setup.scope is not None:
         driver = CourseDriver(scene.robot, oracle, setup.solver, scope=setup.scope, seed=setup.seed)
         plan = driver.drive(plan)
+    timed = timed_motions(plan.motions, oracle, setup.limits)
     return plan, [
-        _within_tcp_limits(motion, oracle, setup, scene.robot, target.mass)
-        for motion in plan.motions
+        _within_tcp_limits(legs, motion, setup, scene.robot, target.mass)
+        for legs, motion in zip(plan.motions, timed, strict=True)
     ]
 
 
 def _within_tcp_limits(
-    motion: Motion, oracle: MujocoOracle, setup: CycleSetup, robot: Robot, mass: float
+    legs: Motion, motion: TimedMotion, setup: CycleSetup, robot: Robot, mass: float
 ) -> TimedMotion:
-    """Time a motion; one that would break a TCP limit is scaled in time until it does not."""
-    timed = timed_motion(motion, oracle, setup.limits)
-    held = mass if any(leg.hand in (Hand.LIFTING, Hand.HOLDING) for leg in motion) else None
+    """Slow a motion that would break a TCP limit until it does not."""
+    held = mass if any(leg.hand in (Hand.LIFTING, Hand.HOLDING) for leg in legs) else None
     try:
-        share = setup.tcp_limits.share(robot, timed.trajectory, held)
+        share = setup.tcp_limits.share(robot, motion.trajectory, held)
     except ValueError as error:
-        raise CycleFailure("no_path", str(error), stage=motion[0].stage) from error
-    if share < 1.0:
-        timed = replace(timed_motion(motion, oracle, setup.limits.scaled(share)), slowed_to=share)
-    return timed
+        raise CycleFailure("no_path", str(error), stage=legs[0].stage) from error
+    if share == 1.0:
+        return motion
+    return replace(motion, trajectory=motion.trajectory.slowed(share), slowed_to=share)
 
 
-def timed_motion(motion: Motion, oracle: MujocoOracle, limits: MotionLimits) -> TimedMotion:
-    """Give a motion its time law, rounding the corners as far as they stay clear."""
+def timed_motions(
+    motions: Sequence[Motion], oracle: ClearanceOracle, limits: MotionLimits
+) -> list[TimedMotion]:
+    """Give motions their time laws, rounding the corners as far as they stay clear."""
 
-    def free(corner: int, q: Array) -> bool:
-        before, after = motion[corner : corner + 2]
-        clearance = min(before.clearance, after.clearance)
-        return oracle.blocked(q, hand=after.hand, clearance=clearance) is None
+    def free(corners: Sequence[tuple[int, int, Array]]) -> list[bool]:
+        questions = []
+        for motion, corner, q in corners:
+            before, after = motions[motion][corner : corner + 2]
+            clearance = min(before.clearance, after.clearance)
+            questions.append(Question(q=q, hand=after.hand, clearance=clearance))
+        return [what is None for what in oracle.blocked_each(questions)]
 
     try:
-        trajectory = time_paths([leg.path for leg in motion], limits, free)
+        found = time_chains([[leg.path for leg in motion] for motion in motions], limits, free)
     except ValueError as error:
-        raise CycleFailure("no_path", str(error), stage=motion[0].stage) from error
-    return TimedMotion(stages=tuple(leg.stage for leg in motion), trajectory=trajectory)
+        raise CycleFailure("no_path", str(error), stage=motions[0][0].stage) from error
+    return [
+        TimedMotion(stages=tuple(leg.stage for leg in motion), trajectory=trajectory)
+        for motion, trajectory in zip(motions, found, strict=True)
+    ]

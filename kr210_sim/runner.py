@@ -29,6 +29,7 @@ from kr210_sim.episode_files import (
 from kr210_sim.episodes import Episode, check_solver, episode_size, load_world, plan_episodes
 from kr210_sim.exceptions import Interrupted, NotWritten
 from kr210_sim.interrupts import no_interrupt
+from kr210_sim.limits import MotionLimits
 from kr210_sim.randomize import PRESETS
 from kr210_sim.results import (
     CONFIG,
@@ -45,7 +46,6 @@ from kr210_sim.results import (
 )
 from kr210_sim.scene import Scene, list_scenes
 from kr210_sim.summary import summarize
-from kr210_sim.trajectory import MotionLimits
 from kr210_sim.workers import Loss, share_out, share_out_by_dask
 
 OnCycle = Callable[[Line], None]

@@ -9,9 +9,9 @@ from typing import Any
 
 from kr210_sim.config import RunConfig
 from kr210_sim.criteria import CLEARANCE_CAP
+from kr210_sim.limits import MotionLimits
 from kr210_sim.proof import UNDECIDED, Watch
 from kr210_sim.stats import Pool, spread, success_interval
-from kr210_sim.trajectory import MotionLimits
 
 _TIMES = ("mean", "p50", "p95", "max")
 _OFFSETS = ("mean", "p99", "max")

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import copy
+
 import numpy as np
 from ruckig import InputParameter, Result, Ruckig, RuckigError
 from ruckig import Trajectory as RuckigTrajectory
@@ -36,6 +38,14 @@ class TimeLaw:
         self._starts = self.changes[:-1]
         self._p, self._v, self._a = (np.array(x[:7]) for x in (profile.p, profile.v, profile.a))
         self._j = np.array(profile.j)
+
+    def slowed(self, share: float) -> TimeLaw:
+        """Return the same law in 1 / share of the time."""
+        law = copy.copy(self)
+        law.duration, law.changes = self.duration / share, self.changes / share
+        law._starts, law._v = law.changes[:-1], self._v * share
+        law._a, law._j = self._a * share**2, self._j * share**3
+        return law
 
     def __call__(self, t: Array) -> tuple[Array, Array, Array, Array]:
         """Return position, velocity, acceleration and jerk, each (N,), at times t (N,) [s]."""

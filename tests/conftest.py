@@ -21,6 +21,7 @@ from kr210_sim.config import RunConfig
 from kr210_sim.cycle import CycleSetup, Probe, run_cycle
 from kr210_sim.description import Description, load_description
 from kr210_sim.episodes import TARGET_LENGTH
+from kr210_sim.limits import MotionLimits
 from kr210_sim.mjcf import robot_spec
 from kr210_sim.robot import Robot, bundled_robot, find_robot
 from kr210_sim.runner import run
@@ -28,7 +29,6 @@ from kr210_sim.scene import Scene, Target, build_scene, find_scene
 from kr210_sim.score import CycleScore, score_cycle
 from kr210_sim.simulation import Simulation
 from kr210_sim.tracks import Solver
-from kr210_sim.trajectory import MotionLimits
 
 TURNED_2X2 = Path(__file__).parent / "scenes" / "turned_2x2.xml"
 

@@ -13,7 +13,7 @@ import ik
 from kr210_sim.collision import MujocoOracle
 from kr210_sim.criteria import CLEARANCE_FREE
 from kr210_sim.legs import Question
-from kr210_sim.motions import timed_motion
+from kr210_sim.motions import timed_motions
 from kr210_sim.planning import ClearanceOracle, CyclePlan, CyclePlanner, Hand, Leg
 from kr210_sim.scene import ROBOT_PREFIX
 from kr210_sim.simulation import Simulation
@@ -121,7 +121,7 @@ def test_rounded_corners_keep_their_distance_at_instants_nobody_checked(
     distances = Distances(simulation, target.name)
     corners = 0
     for motion in plan.motions:
-        trajectory = timed_motion(motion, oracle, limits).trajectory
+        trajectory = timed_motions([motion], oracle, limits)[0].trajectory
         for corner, (before, after) in enumerate(pairwise(motion)):
             begin, end = trajectory.starts[corner + 1], trajectory.ends[corner]
             if end - begin < 1e-6:
@@ -145,7 +145,7 @@ def test_a_corner_that_is_blocked_is_not_rounded(plan, limits):
     asked: list[tuple[Hand, float]] = []
     for motion in plan.motions:
         asked.clear()
-        trajectory = timed_motion(motion, Wall(), limits).trajectory
+        trajectory = timed_motions([motion], Wall(), limits)[0].trajectory
         np.testing.assert_allclose(trajectory.ends[:-1], trajectory.starts[1:], atol=1e-9)
         allowed = {
             (after.hand, min(before.clearance, after.clearance))

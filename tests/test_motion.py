@@ -10,12 +10,12 @@ from conftest import standing_target
 
 from kr210_sim.collision import MujocoOracle
 from kr210_sim.cycle import CLOSE_EARLY, FINGERS_FREE, TimedMotion
-from kr210_sim.motions import timed_motion
+from kr210_sim.limits import MotionLimits
+from kr210_sim.motions import timed_motions
 from kr210_sim.planning import CyclePlan, CyclePlanner
 from kr210_sim.record import RECORD_STEP, STAGES
 from kr210_sim.simulation import Simulation
 from kr210_sim.task import pick_options, place_options, release_point
-from kr210_sim.trajectory import MotionLimits
 
 pytestmark = pytest.mark.slow
 
@@ -47,7 +47,7 @@ def planned(request, scene):
 @pytest.fixture(scope="module")
 def motions(planned, limits) -> list[TimedMotion]:
     plan, oracle = planned
-    return [timed_motion(motion, oracle, limits) for motion in plan.motions]
+    return timed_motions(plan.motions, oracle, limits)
 
 
 def alone(trajectory, index: int) -> tuple[float, float]:
@@ -146,8 +146,8 @@ def test_a_cycle_takes_its_time_in_proportion_and_its_way_not_at_all(planned, mo
     plan, oracle = planned
     for speed in (0.5, 0.3):
         slow_limits = MotionLimits.from_velocity(robot.velocity, speed)
-        for quick, legs in zip(motions, plan.motions, strict=True):
-            slow = timed_motion(legs, oracle, slow_limits).trajectory
+        slow_motions = timed_motions(plan.motions, oracle, slow_limits)
+        for quick, slow in zip(motions, [one.trajectory for one in slow_motions], strict=True):
             assert slow.duration * speed == pytest.approx(quick.trajectory.duration, rel=1e-6)
             t = np.linspace(0.0, quick.trajectory.duration, 1000)
             p_slow = robot.forward(slow(t / speed)[0])[:, :3, 3]

@@ -7,8 +7,9 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
+from kr210_sim.limits import MotionLimits
 from kr210_sim.path import Path
-from kr210_sim.trajectory import MotionLimits, time_path, time_paths
+from kr210_sim.trajectory import time_path, time_paths
 
 SLACK = 1 + 1e-3  # as for single motions, between the points of the grid
 FINE = 1e-4  # [s]
@@ -236,6 +237,17 @@ def test_the_geometry_is_the_same_at_every_speed(chain, robot, speed):
     np.testing.assert_allclose(slow.starts * speed, quick.starts, atol=1e-6)
     t = np.linspace(0.0, quick.duration, 2000)
     np.testing.assert_allclose(slow(t / speed)[0], quick(t)[0], atol=1e-5)
+
+
+def test_a_slowed_trajectory_is_that_of_lower_limits(chain, robot):
+    paths, quick = chain
+    slowed = quick.slowed(0.37)
+    slow = time_paths(paths, MotionLimits.from_velocity(robot.velocity, 0.37))
+    t = np.linspace(0.0, slow.duration, 500)
+    for one, other in zip(slowed.derivatives(t)[:3], slow.derivatives(t)[:3], strict=True):
+        np.testing.assert_allclose(one, other, atol=1e-4)
+    assert slowed.duration == pytest.approx(quick.duration / 0.37)
+    assert max(slowed.usage(MotionLimits.from_velocity(robot.velocity, 0.37))) <= 1.0
 
 
 # ---- clearance ------------------------------------------------------------------------------

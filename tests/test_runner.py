@@ -15,10 +15,10 @@ from kr210_sim.config import RunConfig
 from kr210_sim.criteria import CONDITIONS
 from kr210_sim.episodes import load_world, plan_episodes, run_episode
 from kr210_sim.exceptions import BadInput
+from kr210_sim.limits import MotionLimits
 from kr210_sim.record import SERIES, load_series
 from kr210_sim.resources import resource
 from kr210_sim.runner import run
-from kr210_sim.trajectory import MotionLimits
 
 
 def write_hasty(source: Path, path: Path) -> Path:

@@ -7,10 +7,11 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
+from kr210_sim.limits import MotionLimits
 from kr210_sim.path import Path
 from kr210_sim.time_law import TimeLaw
 from kr210_sim.tracks import TrackFinder
-from kr210_sim.trajectory import MotionLimits, time_path, time_paths
+from kr210_sim.trajectory import time_path, time_paths
 
 FINE = 1e-4  # [s], ten times finer than the grid on which the code checks itself
 SLACK = 1 + 1e-3  # between the points of that grid

@@ -1,0 +1,153 @@
+"""Distances between geoms: lower bounds for all that are near, exact ones where they count."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TypeAlias
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from kr210_sim.arrays import Array
+
+_DEEP = 1e6  # how far a plane reaches down and sideways [m]
+_WORTHWHILE = 0.05
+"""A lower bound this much above what is required is as good as the distance [m]."""
+
+Bounds: TypeAlias = tuple[NDArray[np.int64], NDArray[np.int64], Array]
+"""Rows of configurations (n,), pairs (n,) by their row in `geoms`, lower bounds (n,) [m]."""
+
+
+class GeomPairs:
+    """The pairs of geoms that can come near each other, and how far apart they are at least.
+
+    mj_collision reports what is within a margin, but leaves out some pairs of boxes, and its
+    distances between boxes may be too large by centimetres; mj_geomDistance is right for all. It
+    is asked for the few pairs that are near by a lower bound: the distance between boxes along the
+    axes of the world, first around whole parts of what moves, then around single geoms.
+
+    Attributes:
+        geoms: (P, 2) the pairs.
+    """
+
+    def __init__(
+        self, model: mujoco.MjModel, data: mujoco.MjData, part: NDArray[np.int64], far: float
+    ) -> None:
+        """Find the pairs.
+
+        Args:
+            model: the world.
+            data: its state, from which the poses of what is fixed are taken.
+            part: (ngeom,) 0 what is fixed, else the number of the moving part.
+            far: pairs further apart do not count [m].
+        """
+        self._model, self._far = model, far
+        solid = (model.geom_contype != 0) | (model.geom_conaffinity != 0)
+        moving, fixed = np.flatnonzero(solid & (part > 0)), np.flatnonzero(solid & (part == 0))
+        self._moving = moving = moving[np.argsort(part[moving], kind="stable")]
+        names, own = np.unique(part[moving], return_inverse=True)
+        parts = len(names)
+        self._begin = np.searchsorted(own, np.arange(parts))
+        self._middle, self._half = model.geom_aabb[:, :3].copy(), model.geom_aabb[:, 3:].copy()
+        plane = model.geom_type == mujoco.mjtGeom.mjGEOM_PLANE
+        self._middle[plane], self._half[plane] = [0.0, 0.0, -_DEEP], _DEEP
+        self._fixed = self._boxes(data.geom_xpos[None], data.geom_xmat[None], fixed)
+        # Pairs come in bundles: each part with each fixed geom, then the parts with one another.
+        self._one, self._other = np.triu_indices(parts, 1)
+        number = np.zeros((parts, parts + len(fixed)), dtype=np.int64)
+        number[self._one, self._other] = parts * len(fixed) + np.arange(len(self._one))
+        number[:, parts:] = np.arange(parts * len(fixed)).reshape(parts, -1)
+        geoms = np.append(moving, fixed)
+        owner = np.append(own, parts + np.arange(len(fixed)))
+        pairs = np.argwhere(own[:, None] < owner)
+        pairs = pairs[_may_collide(model, geoms[pairs])]
+        bundle = number[*owner[pairs].T]
+        order = np.argsort(bundle, kind="stable")
+        self._pairs, bundle = pairs[order].T, bundle[order]
+        self.geoms = geoms[self._pairs.T]
+        self._count = np.bincount(bundle, minlength=parts * len(fixed) + len(self._one))
+        self._first = np.cumsum(self._count) - self._count
+        self._with_fixed = self._count[: parts * len(fixed)].reshape(parts, -1) > 0
+        self._with_part = self._count[parts * len(fixed) :] > 0
+
+    def bounds(self, position: Array, rotation: Array) -> Bounds:
+        """Return lower bounds of the distances of the pairs for which they are less than `far`.
+
+        Args:
+            position: (B, ngeom, 3) of the geoms [m].
+            rotation: (B, ngeom, 9) of the geoms.
+        """
+        moving = self._boxes(position, rotation, self._moving)
+        parts = np.minimum.reduceat(moving, self._begin, axis=2)
+        near = _gaps(parts[..., None], self._fixed[:, :, None]) < self._far**2
+        row, part, box = np.nonzero(near & self._with_fixed)
+        near = _gaps(parts[:, :, self._one], parts[:, :, self._other]) < self._far**2
+        at, both = np.nonzero(near & self._with_part)
+        bundle = np.append(part * self._fixed.shape[2] + box, self._with_fixed.size + both)
+        count = self._count[bundle]
+        row = np.repeat(np.append(row, at), count)
+        pair = np.repeat(self._first[bundle] - np.cumsum(count) + count, count)
+        pair += np.arange(len(pair))
+        fixed = np.broadcast_to(self._fixed, (6, len(position), self._fixed.shape[2]))
+        boxes = np.concatenate([moving, fixed], axis=2)
+        one, other = self._pairs[:, pair] + row * boxes.shape[2]
+        boxes = boxes.reshape(6, -1)
+        squared = _gaps(np.take(boxes, one, axis=1), np.take(boxes, other, axis=1))
+        keep = np.flatnonzero(squared < self._far**2)
+        squared = squared[keep]
+        # Geoms in boxes that overlap may be deep in each other.
+        return row[keep], pair[keep], np.where(squared > 0.0, np.sqrt(squared), -np.inf)
+
+    def sharpen(
+        self, found: Bounds, required: Array, data: mujoco.MjData, poses: Sequence[Array]
+    ) -> None:
+        """Replace lower bounds that are not far above what is required by the distances, in place.
+
+        Args:
+            found: by `bounds`.
+            required: (n,) of each of these pairs [m].
+            data: which poses are written to.
+            poses: position (B, ngeom, 3) [m] and rotation (B, ngeom, 9) of the geoms.
+        """
+        rows, pairs, bounds = found
+        asked = np.flatnonzero(bounds < required + _WORTHWHILE)
+        asked = asked[np.argsort(rows[asked], kind="stable")]
+        geoms = self.geoms[pairs[asked]].tolist()
+        posed = -1
+        for index, row, (one, other) in zip(asked, rows[asked].tolist(), geoms, strict=True):
+            if row != posed:
+                data.geom_xpos[:], data.geom_xmat[:] = poses[0][row], poses[1][row]
+                posed = row
+            bounds[index] = mujoco.mj_geomDistance(self._model, data, one, other, self._far, None)
+
+    def _boxes(self, position: Array, rotation: Array, geoms: NDArray[np.int64]) -> Array:
+        """Return boxes along the world's axes around geoms (6, B, n): lower ends, -upper [m]."""
+        turn = rotation[:, geoms].reshape(len(rotation), -1, 3, 3)
+        center = position[:, geoms] + (turn @ self._middle[geoms][..., None])[..., 0]
+        half = (np.abs(turn) @ self._half[geoms][..., None])[..., 0]
+        ends = np.concatenate([center - half, -center - half], axis=2)
+        return np.ascontiguousarray(np.moveaxis(ends, 2, 0))
+
+
+def _gaps(one: Array, other: Array) -> Array:
+    """Return the squares of the distances between boxes (6, ...) as `_boxes` returns them [m2]."""
+    aside = np.maximum(one[:3] + other[3:], one[3:] + other[:3])
+    np.maximum(aside, 0.0, out=aside)
+    aside *= aside
+    return np.asarray(aside[0] + aside[1] + aside[2])
+
+
+def _may_collide(model: mujoco.MjModel, pairs: NDArray[np.int64]) -> NDArray[np.bool_]:
+    """Return which pairs of geoms (P, 2) MuJoCo does not filter out."""
+    one, other = pairs.T
+    meant = (model.geom_contype[one] & model.geom_conaffinity[other]) != 0
+    meant |= (model.geom_contype[other] & model.geom_conaffinity[one]) != 0
+    weld = model.body_weldid
+    a, b = weld[model.geom_bodyid[one]], weld[model.geom_bodyid[other]]
+    parent_a, parent_b = weld[model.body_parentid[a]], weld[model.body_parentid[b]]
+    adjacent = ((parent_a == b) & (b != 0)) | ((parent_b == a) & (a != 0))
+    first, second = model.geom_bodyid[one], model.geom_bodyid[other]
+    signature = np.minimum(first, second) << 16 | np.maximum(first, second)
+    counts = meant & (a != b) & ~adjacent & ~np.isin(signature, model.exclude_signature)
+    return np.asarray(counts)

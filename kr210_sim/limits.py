@@ -1,0 +1,72 @@
+"""Velocity, acceleration and jerk limits of a motion, and how far they are used."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from kr210_sim.arrays import Array
+from kr210_sim.path import Path
+from kr210_sim.robot import ACCELERATION_TIME
+from kr210_sim.time_law import TimeLaw
+
+JERK_TIME = 0.05
+"""Time from zero to the acceleration limit at the jerk limit [s]."""
+
+_INSTANT = 1e-9  # [s]
+
+
+@dataclass(frozen=True, kw_only=True)
+class MotionLimits:
+    """Joint limits of a motion; arrays of shape (6,).
+
+    Attributes:
+        velocity: [rad/s].
+        acceleration: [rad/s^2].
+        jerk: [rad/s^3].
+    """
+
+    velocity: Array
+    acceleration: Array
+    jerk: Array
+
+    @classmethod
+    def from_velocity(cls, velocity: Array, speed: float = 1.0) -> MotionLimits:
+        """Derive acceleration and jerk limits from the velocity limits (6,) [rad/s].
+
+        Args:
+            velocity: the description's velocity limits.
+            speed: time scaling in (0, 1]: velocity x F, acceleration x F^2, jerk x F^3.
+        """
+        acceleration = velocity / ACCELERATION_TIME
+        return cls(
+            velocity=velocity * speed,
+            acceleration=acceleration * speed**2,
+            jerk=acceleration / JERK_TIME * speed**3,
+        )
+
+
+def rates(path: Path, law: TimeLaw, t: Array) -> Array:
+    """Return three derivatives of q (3, N, 6) of one motion at times t (N,) [s].
+
+    The chain rule for q(s(t)), with q1, q2, q3 the derivatives along the path and ds, dds, ddds
+    those of the time law; after its end a motion stays where it is.
+    """
+    s, ds, dds, ddds = (x[:, None] for x in law(t))
+    q1, q2, q3 = path.derivatives(s[:, 0])
+    ddds = np.where(t[:, None] < law.duration, ddds, 0.0)
+    return np.array([q1 * ds, q1 * dds + q2 * ds**2, q1 * ddds + 3 * q2 * ds * dds + q3 * ds**3])
+
+
+def around(times: Array) -> Array:
+    """Return instants just before and just after each, for what jumps there."""
+    return np.concatenate([times - _INSTANT, times + _INSTANT])
+
+
+def usage(derivatives: Sequence[Array] | Array, limits: MotionLimits) -> tuple[float, float, float]:
+    """Return the largest |qd|/v, |qdd|/a and |qddd|/j of three derivatives (N, 6) of q."""
+    bounds = np.stack([limits.velocity, limits.acceleration, limits.jerk])[:, None]
+    v, a, j = np.max(np.abs(derivatives) / bounds, axis=(1, 2)).tolist()
+    return v, a, j

@@ -1,0 +1,127 @@
+"""A path + limits -> the quickest jerk-limited time law along it."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from kr210_sim.arrays import Array
+from kr210_sim.limits import MotionLimits, around, rates, usage
+from kr210_sim.path import Path
+from kr210_sim.time_law import TimeLaw
+
+_MARGIN = 1.0 - 1e-4  # share of the limits that is used, for what lies between the samples
+_GRID = 81  # points of a path at which its limits are estimated
+_INSTANTS = 5  # of each phase of constant jerk at which shapes are compared
+_SAMPLES = 2000  # instants of a motion at which its limits are evaluated
+_SPEEDS = np.geomspace(0.1, 1.0, 12)  # shares of the speed limit tried on a curved path
+_JERK_SHARES = (1.0, 0.7, 0.4)  # of the acceleration limit, to leave jerk to the curvature
+_LEAST = 0.05  # of the acceleration and jerk limits that a shape keeps on a tight curve
+
+
+def quickest_law(path: Path, limits: MotionLimits) -> TimeLaw:
+    """Return the quickest of the laws that just hold the joint limits along a path.
+
+    Their shapes come from path limits (V, A, J) with |q1| V <= v, |q2| V^2 + |q1| A <= a and
+    |q3| V^3 + 3 |q2| V A + |q1| J <= j, where q1, q2, q3 are the derivatives of the path. Each
+    choice of V and A shares out differently what the curvature leaves.
+    """
+    if path.length == 0.0:
+        return TimeLaw(0.0, 1.0, 1.0, 1.0)
+    grid = np.linspace(0.0, path.length, _GRID)
+    derivatives = path.derivatives(grid)
+    first, second, third = np.abs(derivatives)
+    first = np.maximum(first, 1e-12)
+    fastest, quickest, sharpest = (
+        float(np.min(limit / first))
+        for limit in (limits.velocity, limits.acceleration, limits.jerk)
+    )
+    if np.max(second) * fastest**2 < 1e-9 * np.min(limits.acceleration):  # a straight line
+        v, a, j = fastest * _MARGIN, quickest * _MARGIN**2, sharpest * _MARGIN**3
+        return TimeLaw(path.length, v, a, j)
+    v_all = np.repeat(fastest * _SPEEDS, len(_JERK_SHARES))
+    speed = v_all[:, None, None]
+    most = np.min((limits.acceleration - second * speed**2) / first, axis=(1, 2))
+    a_all = np.tile(_JERK_SHARES, len(_SPEEDS)) * np.maximum(most, _LEAST * quickest)
+    rest = limits.jerk - third * speed**3 - 3 * second * speed * a_all[:, None, None]
+    j_all = np.maximum(np.min(rest / first, axis=(1, 2)), _LEAST * sharpest)
+    shapes = np.stack([v_all, a_all, j_all])
+    best = int(np.argmin(_durations(path.length, shapes, derivatives, limits)))
+    v, a, j = shapes[:, best].tolist()
+    return _fitted(path, (v, a, j), limits)
+
+
+def _durations(length: float, shapes: Array, derivatives: Array, limits: MotionLimits) -> Array:
+    """Return how long laws within path limits take once they are scaled to the joint limits.
+
+    Args:
+        length: of the path [s].
+        shapes: (3, n) path limits V, A and J.
+        derivatives: (3, N, 6) of the path, evenly along it.
+        limits: of the joints.
+    """
+    phases = _phases(length, *shapes)
+    duration = np.sum(phases, axis=1)
+    s, ds, dds, ddds = _states(phases, shapes[2])
+    at = np.clip(s / length, 0.0, 1.0) * (derivatives.shape[1] - 1)
+    index = np.minimum(at.astype(np.int64), derivatives.shape[1] - 2)
+    share = (at - index)[..., None]
+    q1, q2, q3 = (1 - share) * derivatives[:, index] + share * derivatives[:, index + 1]
+    ds, dds, ddds = ds[..., None], dds[..., None], ddds[..., None]
+    stretch = np.zeros(len(duration))
+    for order, (x, bound) in enumerate(
+        (
+            (q1 * ds, limits.velocity),
+            (q1 * dds + q2 * ds**2, limits.acceleration),
+            (q1 * ddds + 3 * q2 * ds * dds + q3 * ds**3, limits.jerk),
+        ),
+        start=1,
+    ):
+        used = np.max(np.abs(x) / bound, axis=(1, 2))
+        stretch = np.maximum(stretch, used ** (1 / order))
+    return np.asarray(duration * stretch)
+
+
+def _phases(length: float, v: Array, a: Array, j: Array) -> Array:
+    """Return the durations (n, 7) of the phases of constant jerk, from rest to rest.
+
+    The closed form of what ruckig computes one by one, to compare many shapes [s].
+    """
+    # The peak speed, if the acceleration limit is reached and if not.
+    ramp = a / j
+    peak = a * (np.sqrt(ramp**2 + 4 * length / a) - ramp) / 2
+    peak = np.where(peak >= a * ramp, peak, j * (length / (2 * j)) ** (2 / 3))
+    peak = np.minimum(peak, v)
+    ramp = np.minimum(ramp, np.sqrt(peak / j))
+    hold = np.maximum(peak / (j * ramp) - ramp, 0.0)
+    cruise = np.maximum(length / peak - 2 * ramp - hold, 0.0)
+    return np.stack([ramp, hold, ramp, cruise, ramp, hold, ramp], axis=1)
+
+
+def _states(phases: Array, jerk: Array) -> tuple[Array, Array, Array, Array]:
+    """Return s and its derivatives (n, 7 m) at m instants in each phase, its ends included."""
+    t = phases[:, None] * np.linspace(0.0, 1.0, _INSTANTS)[:, None]
+    s, ds, dds = (np.zeros((len(jerk), 1)) for _ in range(3))
+    rows = []
+    for phase, sign in enumerate((1, 0, -1, 0, -1, 0, 1)):
+        x, ddds = t[:, :, phase], sign * jerk[:, None]
+        rows.append(
+            (
+                s + x * (ds + x * (dds / 2 + x * ddds / 6)),
+                ds + x * (dds + x * ddds / 2),
+                dds + x * ddds,
+                np.broadcast_to(ddds, x.shape),
+            )
+        )
+        s, ds, dds = (values[:, -1:] for values in rows[-1][:3])
+    s, ds, dds, ddds = (np.concatenate(values, axis=1) for values in zip(*rows, strict=True))
+    return s, ds, dds, ddds
+
+
+def _fitted(path: Path, shape: tuple[float, float, float], limits: MotionLimits) -> TimeLaw:
+    """Return the law within (V, A, J), scaled in time until it touches its tightest limit."""
+    v, a, j = shape
+    law = TimeLaw(path.length, v, a, j)
+    t = np.concatenate([np.linspace(0.0, law.duration, _SAMPLES), around(law.changes)])
+    used = usage(rates(path, law, t), limits)
+    stretch = max(share ** (1 / order) for order, share in enumerate(used, start=1)) / _MARGIN
+    return TimeLaw(path.length, v / stretch, a / stretch**2, j / stretch**3)
