@@ -15,6 +15,8 @@ from kr210_sim.gates import Gates
 from kr210_sim.grading.source import FRAMES, SCOPES, SolverLimits, SolverSource
 from kr210_sim.randomize import Randomization, read_randomization
 from kr210_sim.source import RobotSource
+from kr210_sim.viewers.address import HOST, PORT, VIEWERS
+from kr210_sim.viewers.pace import MAX_SPEED, MIN_SPEED
 
 MAX_CYCLES = 1_000_000
 MIN_MASS = 1e-3
@@ -35,7 +37,7 @@ EPISODE_CYCLES = 10
 FREE = frozenset(
     {"cycles", "jobs", "backend", "resume", "out", "json", "video", "junit"}
     | {"min_success", "confidence", "stop_early", "indifference"}
-    | {"max_ik_offset", "max_cycle_time"}
+    | {"max_ik_offset", "max_cycle_time", "viewer", "viewer_speed", "host", "port"}
 )
 """Options that may change when a run is resumed: none of them changes a cycle that is finished."""
 
@@ -138,6 +140,13 @@ class RunConfig:
         None, "film of the run, off screen; default path: <out>/film.mp4", "PATH"
     )
 
+    viewer: str | None = _option(
+        None, "watch the run: web, a page in the browser, or native, MuJoCo's window", "NAME"
+    )
+    viewer_speed: float = _option(1.0, "simulated over real time while it is watched", "F")
+    host: str = _option(HOST, "address that --viewer web listens on", "HOST")
+    port: int = _option(PORT, "port that --viewer web listens on", "N")
+
     def __post_init__(self) -> None:
         """Check every value; lists, as JSON gives them, become tuples."""
         object.__setattr__(self, "package", tuple(self.package))
@@ -162,6 +171,7 @@ class RunConfig:
         self.robot_source()
         self._check_randomization()
         self._check_solver()
+        self._check_viewer()
         self._check_gates()
 
     def _check_gates(self) -> None:
@@ -258,6 +268,21 @@ class RunConfig:
             raise BadInput("--record: a film is drawn from records; give all or failed")
         if self.resume and self.out is None:
             raise BadInput("--resume: which run? name its folder by --out DIR")
+
+    def _check_viewer(self) -> None:
+        if self.viewer is None:
+            return
+        if self.viewer not in VIEWERS:
+            raise BadInput(f"--viewer: no '{self.viewer}'; give one of {', '.join(VIEWERS)}")
+        if self.jobs > 1 or self.backend != BACKENDS[0]:
+            raise BadInput(
+                "--viewer: what is watched is played in one process; leave --jobs and --backend out"
+            )
+        if not MIN_SPEED <= self.viewer_speed <= MAX_SPEED:
+            raise BadInput(
+                f"--viewer-speed: {self.viewer_speed} is out of range; "
+                f"give {MIN_SPEED:g} to {MAX_SPEED:g}"
+            )
 
     def robot_source(self) -> RobotSource:
         """Return where the robot comes from.

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import shutil
-from collections.abc import Generator
+from collections.abc import Generator, Sequence
+from contextlib import closing
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 import mujoco
 
@@ -19,8 +20,9 @@ from kr210_sim.mjcf_files import save_model
 from kr210_sim.playback import episode_world
 from kr210_sim.record import CycleRecord, Event, save_record, unplayed_record
 from kr210_sim.results import named, record_path, world_path
-from kr210_sim.scene import Scene
-from kr210_sim.score import score_cycle
+from kr210_sim.scene import Scene, Target
+from kr210_sim.score import CycleScore, score_cycle
+from kr210_sim.simulation import Simulation
 from kr210_sim.workers import Loss
 
 HANG_GRACE = 120.0
@@ -102,8 +104,44 @@ def _world(config: RunConfig) -> Scene:
     return load_world(config)
 
 
+class Onlooker(Protocol):
+    """Watches the cycles of a run: it may take its time, but must not touch the simulation."""
+
+    def begin(self, scene: Scene, targets: Sequence[Target], first_cycle: int) -> None:
+        """See an episode begin, with all targets that it will have."""
+
+    def __call__(self, simulation: Simulation, stage: str, simulated: float) -> None:
+        """Look at a record step; this is a `Probe`."""
+
+
+def score_episode(
+    config: RunConfig, scene: Scene, episode: Episode, onlooker: Onlooker | None = None
+) -> Generator[CycleScore, None, None]:
+    """Run the cycles of an episode as the options of a run ask for, yielding each score."""
+    block = config.randomization()
+    if onlooker is not None:
+        targets = [target for target, _ in episode_targets(scene, episode, config.mass, block)]
+        onlooker.begin(scene, targets, episode.first_cycle)
+    with solver_of(config, scene.robot) as solver:
+        yield from run_episode(
+            scene,
+            episode,
+            mass=config.mass,
+            limits=MotionLimits.from_velocity(scene.robot.velocity, config.speed),
+            solver=solver,
+            scope=config.scope,
+            clearance=config.clearance,
+            randomization=block,
+            probe=onlooker,
+        )
+
+
 def play_episode(
-    config: RunConfig, scene: Scene, episode: Episode, out: Path
+    config: RunConfig,
+    scene: Scene,
+    episode: Episode,
+    out: Path,
+    onlooker: Onlooker | None = None,
 ) -> Generator[Line, None, None]:
     """Run the cycles of an episode and write their records and their world.
 
@@ -113,15 +151,13 @@ def play_episode(
     Raises:
         OSError: naming the file, if one cannot be written.
     """
-    limits = MotionLimits.from_velocity(scene.robot.velocity, config.speed)
-    block = config.randomization()
     kept: list[CycleRecord] = []
     written = False
 
     def write_world() -> None:
         path = world_path(out, episode.index)
         if kept:
-            targets = episode_targets(scene, episode, config.mass, block)
+            targets = episode_targets(scene, episode, config.mass, config.randomization())
             world = episode_world(scene, [target for target, _ in targets], kept)
             try:
                 with named(path), no_interrupt():
@@ -131,17 +167,8 @@ def play_episode(
                 raise
 
     try:
-        with solver_of(config, scene.robot) as solver:
-            for score in run_episode(
-                scene,
-                episode,
-                mass=config.mass,
-                limits=limits,
-                solver=solver,
-                scope=config.scope,
-                clearance=config.clearance,
-                randomization=block,
-            ):
+        with closing(score_episode(config, scene, episode, onlooker)) as scores:
+            for score in scores:
                 record = score.record
                 if config.record == "all" or (config.record == "failed" and not score.success):
                     _save_record(record, record_path(out, record.cycle))

@@ -29,19 +29,25 @@ def episode_world(
     for target in targets:
         add_target(spec, scene, target)
     model = spec.compile()
-    parked = np.array(model.qpos0)
-    for target in targets:
-        address = int(model.joint(target.name).qposadr[0])
-        behind = scene.T_world_base @ [-2.0, _PARKING_PITCH * target.number - 1.5, 0.0, 1.0]
-        parked[address : address + 7] = [*behind[:2], target.length / 2, 1.0, 0.0, 0.0, 0.0]
+    start = parked(model, scene, targets)
     ctrl = np.array(model.key(f"{ROBOT_PREFIX}home").ctrl)
     for record in records:
-        qpos = parked.copy()
+        qpos = start.copy()
         widths = [len(values) for values in record.start.values()]
         names = list(zip(record.start, widths, strict=True))
         place_joints(model, qpos, names, np.concatenate(list(record.start.values())))
         spec.add_key(name=f"cycle_{record.cycle:04d}", qpos=qpos, ctrl=ctrl)
     return spec
+
+
+def parked(model: mujoco.MjModel, scene: Scene, targets: Sequence[Target]) -> Array:
+    """Return qpos (nq,) of a model with every target parked upright behind the robot."""
+    qpos = np.array(model.qpos0)
+    for target in targets:
+        address = int(model.joint(target.name).qposadr[0])
+        behind = scene.T_world_base @ [-2.0, _PARKING_PITCH * target.number - 1.5, 0.0, 1.0]
+        qpos[address : address + 7] = [*behind[:2], target.length / 2, 1.0, 0.0, 0.0, 0.0]
+    return qpos
 
 
 def place_joints(

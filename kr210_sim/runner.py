@@ -20,6 +20,7 @@ from kr210_sim import __version__, sampling
 from kr210_sim.config import RunConfig
 from kr210_sim.episode_files import (
     Line,
+    Onlooker,
     hang_limit,
     lost_lines,
     play_elsewhere,
@@ -51,7 +52,12 @@ from kr210_sim.workers import Loss, share_out, share_out_by_dask
 OnCycle = Callable[[Line], None]
 
 
-def run(config: RunConfig, *, on_cycle: OnCycle = lambda line: None) -> tuple[Path, dict[str, Any]]:
+def run(
+    config: RunConfig,
+    *,
+    on_cycle: OnCycle = lambda line: None,
+    onlooker: Onlooker | None = None,
+) -> tuple[Path, dict[str, Any]]:
     """Run all cycles, or those that a run which is resumed still lacks, and write the results.
 
     With `config.jobs` above 1 this module is imported anew by each worker, so a script that calls
@@ -60,6 +66,7 @@ def run(config: RunConfig, *, on_cycle: OnCycle = lambda line: None) -> tuple[Pa
     Args:
         config: the options.
         on_cycle: called with every cycle as it is finished, in cycle order.
+        onlooker: watches the cycles, where they are played in this process.
 
     Returns:
         The folder of the results and the summary.
@@ -74,7 +81,7 @@ def run(config: RunConfig, *, on_cycle: OnCycle = lambda line: None) -> tuple[Pa
     scene = load_world(config)
     check_solver(config, scene.robot)
     out, journal = _open(config, scene)
-    campaign = _Campaign(config, scene, out, journal, on_cycle)
+    campaign = _Campaign(config, scene, out, journal, on_cycle, onlooker)
 
     def finish() -> dict[str, Any]:
         summary = summarize(
@@ -186,10 +193,16 @@ class _Campaign:
     """
 
     def __init__(
-        self, config: RunConfig, scene: Scene, out: Path, journal: Journal, on_cycle: OnCycle
+        self,
+        config: RunConfig,
+        scene: Scene,
+        out: Path,
+        journal: Journal,
+        on_cycle: OnCycle,
+        onlooker: Onlooker | None,
     ) -> None:
         self._config, self._scene, self._out = config, scene, out
-        self._journal, self._on_cycle = journal, on_cycle
+        self._journal, self._on_cycle, self._onlooker = journal, on_cycle, onlooker
         self.simulated_s = 0.0
         self.lost: list[dict[str, Any]] = []
         self.stopped = False
@@ -231,7 +244,10 @@ class _Campaign:
         for episode in self._left():
             lines: list[Line] = []
             try:
-                with closing(play_episode(self._config, self._scene, episode, self._out)) as cycles:
+                playing = play_episode(
+                    self._config, self._scene, episode, self._out, self._onlooker
+                )
+                with closing(playing) as cycles:
                     for line in cycles:
                         lines.append(line)
                         self.simulated_s += line["simulated_s"]

@@ -16,6 +16,7 @@ from kr210_sim.junit import write_junit
 from kr210_sim.options import read_options
 from kr210_sim.progress import ProgressBar
 from kr210_sim.verbs.common import EXIT_GATE, EXIT_PASSED, add_option, add_version
+from kr210_sim.verbs.showing import watching
 
 
 def add(verbs: Any) -> None:
@@ -59,16 +60,19 @@ def _run(options: argparse.Namespace) -> int:
 
     def report(line: dict[str, Any]) -> None:
         bar.clear()
+        if watcher is not None:
+            watcher.tell(line)
         while header:
             print(header.pop(), file=text)
         print(cycle_line(line), file=text, flush=True)
         bar.show(line["cycle"])
 
     with one_interrupt():
-        try:
-            out, summary = run(config, on_cycle=report)
-        finally:
-            bar.clear()
+        with watching(config) as watcher:
+            try:
+                out, summary = run(config, on_cycle=report, onlooker=watcher)
+            finally:
+                bar.clear()
         if config.junit is not None:
             write_junit(config.junit, read_lines(out), summary, name=f"seed {config.seed}")
         print(f"\n{summary_text(summary)}", file=text)

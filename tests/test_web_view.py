@@ -1,0 +1,144 @@
+"""The page in a real browser: a slider moves the arm, and the numbers are those of `ik.forward`.
+
+Skipped where viser, playwright or Chromium is missing. KR210_SCREENSHOTS=FOLDER keeps pictures.
+"""
+
+from __future__ import annotations
+
+import os
+import shutil
+import socket
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import ik
+from kr210_sim.source import RobotSource
+from kr210_sim.viewers.arm_page import ArmPage
+from kr210_sim.viewers.page import Page
+from kr210_sim.viewers.subject import load_subject
+
+pytestmark = pytest.mark.slow
+pytest.importorskip("viser", reason="the extra 'view' is not installed")
+playwright = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
+
+CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")
+if CHROMIUM is None:
+    pytest.skip("no Chromium is installed", allow_module_level=True)
+
+SOFTWARE_GL = ("--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader")
+QUIET = (
+    "--no-sandbox", "--no-first-run", "--disable-background-networking", "--disable-sync",
+    "--disable-component-update",
+)  # fmt: skip
+SIZE = {"width": 720, "height": 400}
+"""Small, as every pixel is drawn without a GPU."""
+PATIENCE = 240_000
+"""Longest wait for the page [ms]: it is drawn without a GPU."""
+
+
+def free_port() -> int:
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return int(probe.getsockname()[1])
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Any]:
+    with playwright.sync_playwright() as started:
+        chromium = started.chromium.launch(
+            executable_path=CHROMIUM, args=[*SOFTWARE_GL, *QUIET], timeout=PATIENCE
+        )
+        yield chromium
+        chromium.close()
+
+
+def open_page(browser: Any, url: str) -> tuple[Any, list[str]]:
+    """Open a page; the list collects what it asks the network for, and its errors."""
+    tab, said = browser.new_page(viewport=SIZE), []
+    tab.set_default_timeout(PATIENCE)
+    tab.on("request", lambda request: said.append(request.url))
+    tab.on("pageerror", lambda error: said.append(f"error: {error}"))
+    tab.goto(url)
+    return tab, said
+
+
+def matrix(tab: Any, name: str) -> np.ndarray:
+    rows = tab.locator(f"#{name} tr").all()
+    return np.array([[float(x) for x in row.locator("td").all_inner_texts()] for row in rows])
+
+
+def picture(tab: Any, name: str) -> bytes:
+    """Return a screenshot, and keep it where KR210_SCREENSHOTS says."""
+    shot = tab.screenshot(timeout=PATIENCE, animations="disabled")
+    if folder := os.environ.get("KR210_SCREENSHOTS"):
+        Path(folder, f"{name}.png").write_bytes(shot)
+    return bytes(shot)
+
+
+@pytest.fixture
+def arm_page() -> Iterator[ArmPage]:
+    page = Page("127.0.0.1", free_port(), "test")
+    page.cast_shadows(False)
+    try:
+        yield ArmPage(page, load_subject(None, RobotSource()))
+    finally:
+        page.close()
+
+
+def test_a_slider_moves_the_arm_and_the_numbers_are_those_of_ik_forward(browser, arm_page):
+    tab, said = open_page(browser, arm_page.page.url)
+    tab.wait_for_selector("#kr-poses")
+    robot = arm_page.robot
+    np.testing.assert_allclose(
+        matrix(tab, "T_base_palm"), ik.forward(robot.geometry, np.zeros(6)), atol=6e-7
+    )
+    before = picture(tab, "arm_home")
+    at_home = arm_page.body_positions()
+
+    thumb = tab.get_by_role("slider").first.bounding_box()  # of joint_1
+    x, y = thumb["x"] + thumb["width"] / 2, thumb["y"] + thumb["height"] / 2
+    tab.mouse.move(x, y)
+    tab.mouse.down()
+    tab.mouse.move(x + 60, y)
+    tab.mouse.up()
+    tab.wait_for_function(
+        "() => parseFloat(document.querySelector('#T_base_tcp tr:nth-child(2) td:last-child')"
+        ".innerText) > 0.01"
+    )
+    q = arm_page.q
+    assert q[0] > np.radians(1.0)
+    assert float(tab.locator("input[type=text]").first.input_value()) == pytest.approx(
+        np.degrees(q[0]), abs=0.051
+    )
+    tab.wait_for_timeout(1000)
+    np.testing.assert_allclose(
+        matrix(tab, "T_base_palm"), ik.forward(robot.geometry, arm_page.q), atol=6e-7
+    )
+    np.testing.assert_allclose(
+        matrix(tab, "T_base_tcp"),
+        ik.forward(robot.geometry, arm_page.q) @ robot.T_palm_tcp,
+        atol=6e-7,
+    )
+    assert np.linalg.norm(arm_page.body_positions() - at_home, axis=1).max() > 0.02
+    assert picture(tab, "arm_moved") != before
+    assert tab.locator("#kr-branches tr").count() == 9
+    own = f"http://127.0.0.1:{arm_page.page.server.get_port()}/"
+    assert {url for url in said if not url.startswith(("data:", "blob:"))} == {own}
+    tab.close()
+
+
+def test_ghosts_appear(browser, arm_page):
+    tab, _ = open_page(browser, arm_page.page.url)
+    tab.wait_for_selector("#kr-branches")
+    arm_page.move(np.array([-0.6, 0.3, -0.4, 0.7, 0.8, 0.2]))
+    tab.wait_for_timeout(3000)
+    with_ghosts = picture(tab, "ghosts")
+    box = tab.get_by_label("ghosts", exact=True)
+    box.uncheck()
+    tab.wait_for_timeout(3000)
+    assert picture(tab, "no_ghosts") != with_ghosts
+    tab.close()
