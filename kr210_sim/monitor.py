@@ -36,6 +36,7 @@ class Monitor:
         lifted: whether the target has been held clear at the height that counts.
         resting_for: how long the target has been at rest [s].
         force: (2,) latest contact force of the right and left finger [N].
+        friction_ratio: (2,) its part along the jaw over its part across, 0 without contact.
         touching: (2,) whether they touched the target at the latest step.
         finger_position: (2,) latest finger joint positions [m].
         pressing_for: how long both fingers have touched the target and pressed at the end of each
@@ -73,6 +74,8 @@ class Monitor:
         self.resting_for = self.pressing_for = self.tracking = 0.0
         self._grip = GRIP_READY * robot.grip_force / 2
         self.force = np.zeros(2)
+        self.friction_ratio = np.zeros(2)
+        self._R_world_base = simulation.scene.T_world_base[:3, :3]
         self.touching = np.zeros(2, dtype=bool)
         self.q = np.array(simulation.data.sensordata[self._q])
         self.finger_position = np.array(simulation.data.sensordata[self._fingers])
@@ -99,13 +102,13 @@ class Monitor:
         foreign = rows @ self._simulation.foreign_weights
         q = np.concatenate([rows[:, self._q], rows[:, self._finger]], axis=1)
         qd = np.concatenate([rows[:, self._qd], rows[:, self._finger_speed]], axis=1)
-        effort = rows[:, self._tau]
+        used = np.abs(rows[:, self._tau]) / self._effort
         excess = np.maximum(self._lower - q, q - self._upper)
         speed = np.linalg.norm(column["target_velocity"], axis=1)
         spin = np.linalg.norm(column["target_spin"], axis=1)
         strayed = column["tcp_position"] - commands.T_base_tcp[: len(rows), :3, 3]
         self.tracking = float(np.max(np.linalg.norm(strayed, axis=1)))
-        self._press(touch, right, left)
+        self._press(touch, right, left, column["tcp_quat_wxyz"][-1])
         self.touching, self.q = touch[-1], np.array(q[-1, :6])
         self.finger_position = np.array(rows[-1, self._fingers])
         clear = np.where(only_fingers, height, 0.0)
@@ -119,25 +122,26 @@ class Monitor:
             "tcp_commanded": commands.T_base_tcp[len(rows) - 1],
             "tcp_measured": np.hstack([column["tcp_position"][-1], column["tcp_quat_wxyz"][-1]]),
             "tracking_max": self.tracking,
-            "finger_force": self.force,
             "grip_force": np.concatenate([right[-1, 1:], left[-1, 1:]]),
+            "finger_force": self.force.copy(),
+            "friction_ratio": self.friction_ratio.copy(),
             "fingers_touch": touch.all(axis=0),
+            "finger_contacts_min": np.array([right[:, 0].min(), left[:, 0].min()]),
             "clear_height_max": clear.max(),
             "slip_m_max": slip_m.max(),
             "slip_rad_max": slip_rad.max(),
             "position_excess_max": max(0.0, excess.max()),
             "speed_ratio_max": np.max(np.abs(qd) / self._velocity),
-            "effort_ratio_max": np.max(np.abs(effort) / self._effort),
+            "effort_ratio_max": np.max(used),
             "target_speed_max": speed.max(),
             "target_spin_max": spin.max(),
             "foreign_contacts_max": foreign.max(),
         }
         for name, value in kept.items():
             self._series.setdefault(name, []).append(np.asarray(value, dtype=float))
-        usage = (excess, np.abs(qd) / self._velocity, np.abs(effort) / self._effort)
         found = [
             *self._foreign(foreign),
-            *self._limits(*usage),
+            *self._limits(excess, np.abs(qd) / self._velocity, used),
             *self._losses(touch, slip_m),
             *self._jumps(column["target_position"], speed),
         ]
@@ -171,9 +175,20 @@ class Monitor:
         else:
             self.resting_for += len(speed) * self._step
 
-    def _press(self, touch: NDArray[np.bool_], right: Array, left: Array) -> None:
-        """Take in contacts (n, 2) and the measured force of each finger, (n, 4)."""
-        self.force = np.array([np.linalg.norm(side[-1, 1:]) for side in (right, left)])
+    def _press(self, touch: NDArray[np.bool_], right: Array, left: Array, quat_wxyz: Array) -> None:
+        """Take in contacts (n, 2), the measured force of each finger (n, 4), and the TCP's turn."""
+        w, x, y, z = quat_wxyz
+        across = self._R_world_base @ [
+            2 * (x * y - w * z),
+            1 - 2 * (x * x + z * z),
+            2 * (y * z + w * x),
+        ]
+        for finger, side in enumerate((right, left)):
+            force = side[-1, 1:]
+            normal = float(force @ across)
+            along = np.linalg.norm(force - normal * across)
+            self.force[finger] = np.linalg.norm(force)
+            self.friction_ratio[finger] = along / abs(normal) if normal else 0.0
         if touch.all() and bool(np.min(self.force) >= self._grip):
             self.pressing_for += len(touch) * self._step
         else:

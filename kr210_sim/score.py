@@ -19,6 +19,7 @@ from kr210_sim.criteria import (
     SLIP_LIMIT,
     SPEED_RATIO_LIMIT,
 )
+from kr210_sim.gripper import PAD_FRICTION
 from kr210_sim.record import FREE_STAGES, MOTION_STAGES, STAGES, CycleRecord, Event
 from kr210_sim.stats import histogram, spread
 
@@ -35,6 +36,7 @@ class CycleScore:
         cycle_time_s: from leaving home to the return to it [s], None if it did not return.
         motion_time_s: time in the motion stages [s].
         grasp_slip_m, grasp_slip_rad: largest from lift-off to release; None if never lifted.
+        grasp: how well the target was held meanwhile, see `_grasp`; None if never lifted.
         place_offset_m: horizontal distance of the resting target from its planned release point.
         ik_offset_m, ik_offset_rad: (N,) of every solved pose.
         tracking_offset_m: (n,) largest of every record step in motion.
@@ -47,6 +49,7 @@ class CycleScore:
     motion_time_s: float | None
     grasp_slip_m: float | None
     grasp_slip_rad: float | None
+    grasp: dict[str, Any] | None
     place_offset_m: float | None
     ik_offset_m: Array
     ik_offset_rad: Array
@@ -89,6 +92,7 @@ class CycleScore:
             "tracking_offset_m": spread(self.tracking_offset_m, "mean", "p99", "max"),
             "grasp_slip_m": self.grasp_slip_m,
             "grasp_slip_rad": self.grasp_slip_rad,
+            "grasp": self.grasp,
             "place_offset_m": self.place_offset_m,
             "min_clearance_m": self.min_clearance_m,
             "clearance_m": record.clearance_m,
@@ -175,12 +179,38 @@ def _score(
         motion_time_s=_motion_time(record, moving) if record.home_time is not None else None,
         grasp_slip_m=float(np.max(series["slip_m_max"])) if lifted else None,
         grasp_slip_rad=float(np.max(series["slip_rad_max"])) if lifted else None,
+        grasp=_grasp(record),
         place_offset_m=offset,
         ik_offset_m=record.ik_offset_m,
         ik_offset_rad=record.ik_offset_rad,
         tracking_offset_m=series["tracking_max"][moving] if series else np.empty(0),
         record=record,
     )
+
+
+def _grasp(record: CycleRecord) -> dict[str, Any] | None:
+    """Return how well a target was held from the height that counts to the release, if it was.
+
+    Returns:
+        slip_rate_um_s: slip over the time it took [um/s].
+        grip_force_n: least and mean force of the finger that presses less [N].
+        contacts: least number of contact points of a finger.
+        slip_margin: least share of friction that was left, 1 - |F_t| / (mu |F_n|), a finger's force
+            across the jaws being F_n and along them F_t, as if they were flat; a V holds more.
+            Sampled at every record step, like the force.
+    """
+    series = record.series
+    if not series or not (carrying := _carrying(record)).any():
+        return None
+    steps = np.diff(series["time"], prepend=0.0)[carrying]
+    force = np.min(series["finger_force"][carrying], axis=1)
+    friction = float(record.drawn.get("pad_friction", PAD_FRICTION))
+    return {
+        "slip_rate_um_s": 1e6 * float(np.max(series["slip_m_max"]) / np.sum(steps)),
+        "grip_force_n": {"min": float(np.min(force)), "mean": float(np.mean(force))},
+        "contacts": int(np.min(series["finger_contacts_min"][carrying])),
+        "slip_margin": 1.0 - float(np.max(series["friction_ratio"][carrying])) / friction,
+    }
 
 
 def _motion_time(record: CycleRecord, moving: NDArray[np.bool_]) -> float:

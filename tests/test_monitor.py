@@ -255,3 +255,25 @@ def test_forces_and_fingers_are_the_latest(bench):
     bench.feed(rows)
     np.testing.assert_allclose(bench.monitor.force, [50.0, 0.0])
     assert bench.monitor.touching.tolist() == [True, False]
+
+
+# ---- how the target is held -----------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("along", "ratio"), [(0.0, 0.0), (50.0, 0.2), (500.0, 2.0)])
+@pytest.mark.parametrize("turn", [0.0, 0.7, np.pi / 2])
+def test_friction_is_the_force_along_the_jaws_whichever_way_the_hand_is_turned(
+    scene, along, ratio, turn
+):
+    bench = Bench(scene)
+    rows = bench.held(0.02)
+    rows[:, bench.columns["tcp_quat_wxyz"]] = [np.cos(turn / 2), np.sin(turn / 2), 0.0, 0.0]
+    across, tangent = np.array([0.0, np.cos(turn), np.sin(turn)]), np.array([1.0, 0.0, 0.0])
+    rotation = scene.T_world_base[:3, :3]
+    for name, sign in (("target_right", 1), ("target_left", -1)):
+        rows[:, bench.at(name, 1) : bench.at(name, 4)] = rotation @ (
+            sign * 250.0 * across + along * tangent
+        )
+    bench.feed(rows)
+    np.testing.assert_allclose(bench.monitor.friction_ratio, ratio, atol=1e-12)
+    np.testing.assert_allclose(bench.monitor.force, np.hypot(250.0, along))

@@ -166,7 +166,7 @@ def test_a_line_of_the_cycles_has_every_field_of_the_contract(default_run):
         assert set(line) >= {
             "cycle", "episode", "seed", "cell", "success", "failed_stage", "reason",
             "cycle_time_s", "motion_time_s", "ik_offset_m", "ik_offset_rad", "tracking_offset_m",
-            "grasp_slip_m", "grasp_slip_rad", "place_offset_m", "wall_clock", *CONDITIONS,
+            "grasp_slip_m", "grasp_slip_rad", "grasp", "place_offset_m", "wall_clock", *CONDITIONS,
         }  # fmt: skip
         assert line == json.loads(json.dumps(score.as_json()))
 

@@ -239,3 +239,29 @@ def test_motion_time_and_waits_add_up_to_the_cycle_time(record):
     score = judge(record)
     waits = np.isin(record.series["stage"], WAITS[:2])
     assert score.motion_time_s + 0.01 * waits.sum() == pytest.approx(score.cycle_time_s, abs=1e-6)
+
+
+def test_the_margin_to_slipping_is_what_friction_has_left_at_its_worst(record):
+    carried = np.flatnonzero(record.series["stage"] == STAGES.index("MOVE_TO_PLACE"))
+    record.series["friction_ratio"][:] = 0.1
+    record.series["friction_ratio"][carried[2], 1] = 0.25
+    assert judge(record).grasp["slip_margin"] == pytest.approx(0.75)
+    record.drawn = {"pad_friction": 0.5}
+    assert judge(record).grasp["slip_margin"] == pytest.approx(0.5)
+
+
+def test_a_grasp_is_described_by_its_weaker_finger(record):
+    carried = np.flatnonzero(record.series["stage"] == STAGES.index("MOVE_TO_PLACE"))
+    record.series["finger_force"][:] = 240.0
+    record.series["finger_force"][carried, 0] = 230.0
+    record.series["finger_contacts_min"][:] = 4
+    record.series["finger_contacts_min"][carried[0], 1] = 2
+    grasp = judge(record).grasp
+    assert grasp["grip_force_n"]["min"] == pytest.approx(230.0)
+    assert 230.0 < grasp["grip_force_n"]["mean"] < 240.0
+    assert grasp["contacts"] == 2
+
+
+def test_a_target_that_was_never_lifted_has_no_grasp(record):
+    record.series["clear_height_max"][:] = 0.0
+    assert judge(record).grasp is None
