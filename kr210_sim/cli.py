@@ -12,7 +12,7 @@ from collections.abc import Sequence
 from typing import Any, NoReturn
 
 from kr210_sim.exceptions import BadInput, NotWritten
-from kr210_sim.verbs import compare, convert, dh, ik, run, view
+from kr210_sim.verbs import compare, convert, dh, ik, render, run, view
 from kr210_sim.verbs.common import (
     EXIT_BAD_INPUT,
     EXIT_INTERNAL,
@@ -36,6 +36,7 @@ class _Parser(argparse.ArgumentParser):
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line; returns the exit status."""
     _mend_streams()
+    os.environ["MUJOCO_GL"] = "off"  # else MuJoCo needs a library here that only films need
     try:
         options = _parser().parse_args(argv)
         return int(options.verb(options))
@@ -79,6 +80,6 @@ def _parser() -> argparse.ArgumentParser:
     parser = _Parser(prog="kr210-sim", description="KUKA KR210 pick and place in MuJoCo, scored.")
     add_version(parser)
     verbs = parser.add_subparsers(metavar="VERB", required=True)
-    for verb in (run, view, ik, dh, convert, compare):
+    for verb in (run, render, view, ik, dh, convert, compare):
         verb.add(verbs)
     return parser

@@ -11,6 +11,7 @@ from typing import Any, cast, get_args, get_origin, get_type_hints
 
 from kr210_sim.criteria import CLEARANCE_CAP, CLEARANCE_FREE
 from kr210_sim.exceptions import BadInput
+from kr210_sim.film.format import FPS, SIZE, Format, make_format
 from kr210_sim.gates import Gates
 from kr210_sim.grading.source import FRAMES, SCOPES, SolverLimits, SolverSource
 from kr210_sim.randomize import Randomization, read_randomization
@@ -35,7 +36,8 @@ EPISODE_CYCLES = 10
 """Cycles in one scene; targets that earlier cycles placed stay in the bin."""
 
 FREE = frozenset(
-    {"cycles", "jobs", "backend", "resume", "out", "json", "video", "junit"}
+    {"cycles", "jobs", "backend", "resume", "out", "json", "junit"}
+    | {"video", "camera", "size", "fps"}
     | {"min_success", "confidence", "stop_early", "indifference"}
     | {"max_ik_offset", "max_cycle_time", "viewer", "viewer_speed", "host", "port"}
 )
@@ -139,6 +141,11 @@ class RunConfig:
     video: str | None = _option(
         None, "film of the run, off screen; default path: <out>/film.mp4", "PATH"
     )
+    camera: tuple[str, ...] = _option(
+        (), "camera of the film, by name, or 'gripper', which follows it; repeatable", "NAME"
+    )
+    size: str = _option(SIZE, "size of the film [pixels]", "WxH")
+    fps: float = _option(FPS, "frames a second of the film", "N")
 
     viewer: str | None = _option(
         None, "watch the run: web, a page in the browser, or native, MuJoCo's window", "NAME"
@@ -151,6 +158,7 @@ class RunConfig:
         """Check every value; lists, as JSON gives them, become tuples."""
         object.__setattr__(self, "package", tuple(self.package))
         object.__setattr__(self, "xacro_arg", tuple(self.xacro_arg))
+        object.__setattr__(self, "camera", tuple(self.camera))
         if not 1 <= self.cycles <= MAX_CYCLES:
             raise BadInput(
                 f"--cycles: {_short(self.cycles)} is out of range; give 1 to {MAX_CYCLES}"
@@ -264,6 +272,7 @@ class RunConfig:
             raise BadInput(f"--backend: no '{self.backend}'; give one of {', '.join(BACKENDS)}")
         if self.record not in RECORDS:
             raise BadInput(f"--record: no '{self.record}'; give one of {', '.join(RECORDS)}")
+        self.film()
         if self.record == "none" and self.video is not None:
             raise BadInput("--record: a film is drawn from records; give all or failed")
         if self.resume and self.out is None:
@@ -283,6 +292,17 @@ class RunConfig:
                 f"--viewer-speed: {self.viewer_speed} is out of range; "
                 f"give {MIN_SPEED:g} to {MAX_SPEED:g}"
             )
+
+    def film(self) -> Format:
+        """Return the form of the film of --video.
+
+        Raises:
+            BadInput: if an option of it is impossible, or no film is asked for.
+        """
+        form = make_format(cameras=self.camera, size=self.size, fps=self.fps)
+        if self.video is None and form != Format():
+            raise BadInput("--video: give it as well; --camera, --size and --fps are of a film")
+        return form
 
     def robot_source(self) -> RobotSource:
         """Return where the robot comes from.

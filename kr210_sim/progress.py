@@ -8,7 +8,7 @@ from typing import TextIO
 _WIDTH = 24
 
 
-def progress_bar(done: int, total: int, *, begun: int, seconds: float) -> str:
+def progress_bar(done: int, total: int, *, begun: int, seconds: float, unit: str = "cycles") -> str:
     """Return the line of a run that is not finished.
 
     Args:
@@ -16,9 +16,10 @@ def progress_bar(done: int, total: int, *, begun: int, seconds: float) -> str:
         total: cycles of the run.
         begun: cycles that were finished before this session.
         seconds: since this session began.
+        unit: what is counted, if not cycles.
     """
     filled = _WIDTH * done // total
-    text = f"[{'#' * filled}{'-' * (_WIDTH - filled)}] {done}/{total} cycles"
+    text = f"[{'#' * filled}{'-' * (_WIDTH - filled)}] {done}/{total} {unit}"
     fresh = done - begun
     if fresh <= 0 or seconds <= 0:
         return text
@@ -38,13 +39,15 @@ class ProgressBar:
     Args:
         total: cycles of the run.
         stream: where it is drawn.
+        unit: what is counted, if not cycles.
     """
 
-    def __init__(self, total: int, stream: TextIO) -> None:
+    def __init__(self, total: int, stream: TextIO, *, unit: str = "cycles") -> None:
+        self._unit = unit
         self._total, self._stream, self._shown = total, stream, stream.isatty()
         self._started = time.perf_counter()
         self._begun: int | None = None
-        self._draw(progress_bar(0, total, begun=0, seconds=0))
+        self._draw(progress_bar(0, total, begun=0, seconds=0, unit=unit))
 
     def show(self, cycle: int) -> None:
         """Show the bar after a cycle, by its index."""
@@ -52,7 +55,9 @@ class ProgressBar:
             self._begun = cycle
         if cycle + 1 < self._total:
             seconds = time.perf_counter() - self._started
-            bar = progress_bar(cycle + 1, self._total, begun=self._begun, seconds=seconds)
+            bar = progress_bar(
+                cycle + 1, self._total, begun=self._begun, seconds=seconds, unit=self._unit
+            )
             self._draw(f"\r{bar}")
 
     def clear(self) -> None:

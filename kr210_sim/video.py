@@ -7,6 +7,7 @@ import subprocess
 import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import closing, contextmanager, suppress
+from itertools import groupby
 from pathlib import Path
 from tempfile import TemporaryFile
 from typing import IO
@@ -28,7 +29,6 @@ INSTALL_LINE = (
     "no off-screen OpenGL here; install EGL (Debian: apt-get install libegl1 libgl1-mesa-dri) or "
     "OSMesa (apt-get install libosmesa6)"
 )
-FILM = "film.mp4"
 STILL_SIZE = (1280, 720)  # [pixels], width and height
 
 _PROBE_SECONDS = 60.0
@@ -62,10 +62,42 @@ def find_gl(asked: str = "--video") -> str:
 
 
 def scene_cameras(scene: Path) -> tuple[str, ...]:
-    """Return the names of the cameras of a scene or a saved world."""
+    """Return the names of the cameras of a scene or a saved world.
+
+    Raises:
+        BadInput: if MuJoCo cannot read it.
+    """
     import mujoco
 
-    return tuple(camera.name for camera in mujoco.MjSpec.from_file(str(scene)).cameras)
+    try:
+        return tuple(camera.name for camera in mujoco.MjSpec.from_file(str(scene)).cameras)
+    except (ValueError, mujoco.FatalError) as error:
+        raise BadInput(f"{scene}: MuJoCo cannot read it: {' '.join(str(error).split())}") from error
+
+
+def check_target(film: Path, option: str, *, in_run: bool = False) -> None:
+    """Refuse a place where no film can be written, before anybody waits for it.
+
+    Args:
+        film: the file to write.
+        option: that names it.
+        in_run: whether it lies in the folder of the run, which is made if need be.
+
+    Raises:
+        BadInput: if it is none.
+    """
+    name = film.name
+    if not in_run and (
+        film.suffix != ".mp4" or not os.path.isdir(film.parent) or len(name.encode()) > 200
+    ):
+        raise BadInput(f"{option}: {_short(film)} must be a .mp4 in a folder that exists")
+    if os.path.lexists(film):
+        raise BadInput(f"{option}: {film} exists; delete it, or name another")
+
+
+def _short(path: Path) -> str:
+    text = str(path)
+    return text if len(text) <= 120 else f"{text[:50]}...{text[-50:]}"
 
 
 def moments_of(out: Path, form: Format, cycle: int | None = None) -> list[Moment]:
@@ -106,7 +138,7 @@ def film_run(
     *,
     backend: str,
     moments: Sequence[Moment] | None = None,
-    on_frame: Callable[[int, int], None] = lambda _done, _total: None,
+    on_frame: Callable[[int, int], None] = lambda _index, _total: None,
 ) -> None:
     """Film a finished run.
 
@@ -116,21 +148,24 @@ def film_run(
         form: size, speed and cameras.
         backend: from `find_gl`.
         moments: what to show; by default all cycles whose record was kept.
-        on_frame: told after every frame how many of how many are drawn.
+        on_frame: told the index of every frame that is written, and how many there are.
 
     Raises:
         BadInput: if there is nothing to show, or no such camera.
         OSError: if the film could not be written.
     """
     moments = moments_of(out, form) if moments is None else moments
+    distinct = [moment for moment, _ in groupby(moments)]
     cameras = check_cameras(form.cameras, run_cameras(out), "--camera")
-    job = Job(out=str(out), cameras=cameras, size=form.size, moments=list(moments))
+    job = Job(out=str(out), cameras=cameras, size=form.size, moments=distinct)
     part = film.with_name(film.stem + _PART)
     try:
         part.open("wb").close()  # says better than the encoder what is wrong with the path
         with _encoder(part, form) as stream, closing(draw(job, backend=backend)) as pictures:
-            for done, picture in enumerate(pictures, start=1):
-                stream.write(picture.data.cast("B"))
+            for done, moment in enumerate(moments):
+                if done == 0 or moment != moments[done - 1]:  # what stands still is drawn once
+                    picture = next(pictures).data.cast("B")
+                stream.write(picture)
                 on_frame(done, len(moments))
         part.replace(film)
     finally:

@@ -222,7 +222,7 @@ def test_on_a_full_disk_what_is_finished_is_kept_and_said(quick, monkeypatch, tm
 
 
 def test_a_film_that_fails_does_not_take_the_summary_with_it(quick, monkeypatch, tmp_path, capfd):
-    def fail(_out, _path):
+    def fail(_out):
         raise OSError("the film could not be drawn")
 
     monkeypatch.setattr("kr210_sim.verbs.run._film", lambda _config: fail)

@@ -9,6 +9,9 @@ from dataclasses import dataclass
 
 from kr210_sim.exceptions import BadInput
 
+FILM = "film.mp4"
+"""Name of the film in the folder of its run."""
+
 SIZE = "1280x720"
 FPS, MAX_FPS = 30.0, 240.0  # [1/s]
 MIN_SPEED, MAX_SPEED = 0.01, 100.0

@@ -27,6 +27,9 @@ _HIDDEN_GROUP = 5
 _LIFT = 0.05
 """Share of its height by which the picture is moved up, clear of the overlay's lower part."""
 
+_ASPECT, _WIDEST = 16 / 9, 1.35
+"""Narrower pictures take in more height, up to that factor, so that less is cut off beside."""
+
 
 def tiles(count: int, size: tuple[int, int]) -> list[tuple[int, int, int, int]]:
     """Return (left, top, width, height) [pixels] of the pictures of several cameras.
@@ -109,7 +112,7 @@ class Painter:
                 self._model, self._data, self._option, None, look(time),
                 mujoco.mjtCatBit.mjCAT_ALL, self._scene,
             )  # fmt: skip
-            _lift(self._scene)
+            _fit(self._scene, tile[2] / tile[3])
             if not self._plain:
                 self._marks.draw(self._scene, time)
             left, top, wide, high = tile
@@ -175,9 +178,15 @@ class Painter:
                 model.geom_group[model.geom_bodyid == model.jnt_bodyid[joint]] = _HIDDEN_GROUP
 
 
-def _lift(scene: mujoco.MjvScene) -> None:
-    """Move the picture up as a shift lens does: lines that were upright remain so."""
+def _fit(scene: mujoco.MjvScene, aspect: float) -> None:
+    """Frame a picture for its place: widened if narrow, moved up as by a shift lens.
+
+    Args:
+        scene: whose camera is set.
+        aspect: width over height of the picture.
+    """
+    widen = min(max(1.0, _ASPECT / aspect), _WIDEST)
     for camera in scene.camera:
         shift = _LIFT * (camera.frustum_top - camera.frustum_bottom)
-        camera.frustum_top -= shift
-        camera.frustum_bottom -= shift
+        camera.frustum_top = widen * (camera.frustum_top - shift)
+        camera.frustum_bottom = widen * (camera.frustum_bottom - shift)

@@ -6,11 +6,13 @@ from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from typing import Any
+from zipfile import BadZipFile
 
 import numpy as np
 from numpy.typing import NDArray
 
 from kr210_sim.arrays import Array
+from kr210_sim.exceptions import BadInput
 from kr210_sim.record import STAGES, load_series
 from kr210_sim.results import record_path
 
@@ -135,6 +137,13 @@ def read_take(out: Path, score: dict[str, Any], *, cycles: int, succeeded: int) 
 
 
 def read_duration(path: Path) -> float:
-    """Return the length of a record [s]."""
-    with np.load(path) as archive:
-        return float(archive["time"][-1]) if "time" in archive.files else STILL
+    """Return the length of a record [s].
+
+    Raises:
+        BadInput: if it is damaged.
+    """
+    try:
+        with np.load(path) as archive:
+            return float(archive["time"][-1]) if "time" in archive.files else STILL
+    except (ValueError, EOFError, BadZipFile, KeyError, IndexError) as error:
+        raise BadInput(f"{path} is damaged; run its cycle again") from error

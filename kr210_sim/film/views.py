@@ -6,6 +6,7 @@ from collections.abc import Callable
 
 import mujoco
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from kr210_sim.arrays import Array
 from kr210_sim.film.format import GRIPPER
@@ -14,7 +15,10 @@ from kr210_sim.film.take import Take
 Aim = Callable[[float], mujoco.MjvCamera]
 """Camera at a time of a take [s]."""
 
-_DISTANCE, _SIDE, _ELEVATION = 1.75, 48.0, -20.0  # [m], [deg], [deg], behind and beside the gripper
+_DISTANCE, _SIDE = 1.75, 48.0  # [m], [deg]: behind and beside the gripper
+_ELEVATION, _STEEPER = -20.0, -28.0
+"""Elevation of the look at a level tool, and what a tool that points down adds to it [deg]."""
+
 _INERTIA = 0.25  # [s]: how softly the camera follows
 _TICK = 0.02  # [s]
 
@@ -41,17 +45,20 @@ def aim(name: str, model: mujoco.MjModel, take: Take, T_world_base: Array) -> Ai
 def _following(camera: mujoco.MjvCamera, take: Take, T_world_base: Array) -> Aim:
     """Look at the TCP from behind and beside, turning with the arm, softly."""
     ticks = np.arange(0.0, take.duration + _TICK, _TICK)
-    p_base = np.array([take.at("tcp_measured", tick) for tick in ticks])[:, :3]
-    p_base = _smooth(p_base)
+    pose = np.array([take.at("tcp_measured", tick) for tick in ticks])
+    tool = Rotation.from_quat(pose[:, [4, 5, 6, 3]]).apply([1.0, 0.0, 0.0])
+    elevation = _ELEVATION + _STEEPER * _smooth(np.maximum(0.0, -tool[:, 2:]))[:, 0]
+    p_base = _smooth(pose[:, :3])
     towards = np.unwrap(np.arctan2(p_base[:, 1], p_base[:, 0]))
     heading = np.degrees(np.arctan2(T_world_base[1, 0], T_world_base[0, 0]))
     azimuth = heading + np.degrees(_smooth(towards[:, None])[:, 0]) + _SIDE
     p_world = p_base @ T_world_base[:3, :3].T + T_world_base[:3, 3]
-    camera.distance, camera.elevation = _DISTANCE, _ELEVATION
+    camera.distance = _DISTANCE
 
     def at(time: float) -> mujoco.MjvCamera:
         camera.lookat[:] = [np.interp(time, ticks, axis) for axis in p_world.T]
         camera.azimuth = float(np.interp(time, ticks, azimuth))
+        camera.elevation = float(np.interp(time, ticks, elevation))
         return camera
 
     return at

@@ -6,10 +6,13 @@ import argparse
 import sys
 from collections.abc import Sequence
 from importlib.metadata import version
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from kr210_sim import __version__
 from kr210_sim.config import RunConfig
+from kr210_sim.film.format import Format
+from kr210_sim.progress import ProgressBar
 from kr210_sim.source import RobotSource
 
 if TYPE_CHECKING:
@@ -83,6 +86,23 @@ def robot_of(options: argparse.Namespace) -> Robot:
     description, robot = read_robot(source_of(options))
     warn((*description.notes, *robot.notes))
     return robot
+
+
+def film_with_bar(
+    out: Path, film: Path, form: Format, *, backend: str, cycle: int | None = None
+) -> None:
+    """Film a run, or one cycle of it, showing on a terminal how far it is."""
+    from kr210_sim.video import film_run, moments_of
+
+    moments = moments_of(out, form, cycle)
+    bar = ProgressBar(len(moments), sys.stderr, unit="frames")
+    try:
+        film_run(
+            out, film, form, backend=backend, moments=moments,
+            on_frame=lambda index, _total: bar.show(index),
+        )  # fmt: skip
+    finally:
+        bar.clear()
 
 
 def warn(notes: Sequence[str]) -> None:

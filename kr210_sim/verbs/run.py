@@ -4,18 +4,25 @@ from __future__ import annotations
 
 import argparse
 import json
-import os
 import sys
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 from kr210_sim.config import RunConfig
 from kr210_sim.exceptions import BadInput
+from kr210_sim.film.format import FILM, check_cameras
 from kr210_sim.interrupts import one_interrupt
 from kr210_sim.junit import write_junit
 from kr210_sim.options import read_options
 from kr210_sim.progress import ProgressBar
-from kr210_sim.verbs.common import EXIT_GATE, EXIT_PASSED, add_option, add_version
+from kr210_sim.verbs.common import (
+    EXIT_GATE,
+    EXIT_PASSED,
+    add_option,
+    add_version,
+    film_with_bar,
+)
 from kr210_sim.verbs.showing import watching
 
 
@@ -80,9 +87,7 @@ def _run(options: argparse.Namespace) -> int:
         if config.json:
             print(json.dumps(summary, indent=2, allow_nan=False), flush=True)
         if film is not None:
-            target = Path(config.video or out / "film.mp4")
-            film(out, target)
-            print(f"film           {target}", file=text)
+            print(f"film           {film(out) or 'none: no cycle has a record'}", file=text)
         print(exit_text(summary), file=text, flush=True)
     return EXIT_PASSED if summary["passed"] else EXIT_GATE
 
@@ -96,20 +101,30 @@ def _check_junit(config: RunConfig) -> None:
         raise BadInput(f"--junit: {path} must be a file in a folder that exists")
 
 
-def _film(config: RunConfig) -> Any:
-    """Return the function that films a run, or None if no film is asked for.
+def _film(config: RunConfig) -> Callable[[Path], Path | None] | None:
+    """Return the function that films a run and names the film, or None if none is asked for.
 
     Checked before the run, so that nobody waits for cycles that cannot be filmed.
     """
     if config.video is None:
         return None
-    from kr210_sim.film.format import Format
-    from kr210_sim.video import film_run, find_gl
+    from kr210_sim.results import RECORDS
+    from kr210_sim.scene import find_scene
+    from kr210_sim.video import check_target, find_gl, scene_cameras
 
-    target = Path(config.video) if config.video else None
-    if target is not None and (
-        target.suffix != ".mp4" or not os.path.isdir(target.parent) or len(target.name) > 200
-    ):
-        raise BadInput(f"--video: {target} must be a .mp4 in a folder that exists")
-    backend = find_gl()
-    return lambda out, path: film_run(out, path, Format(), backend=backend)
+    form = config.film()
+    if config.video:
+        check_target(Path(config.video), "--video")
+    elif config.out is not None:
+        check_target(config.out / FILM, "--video", in_run=True)
+    check_cameras(form.cameras, scene_cameras(find_scene(config.scene)), "--camera")
+    backend = find_gl("--video")
+
+    def film(out: Path) -> Path | None:
+        if not any((out / RECORDS).iterdir()):  # of --record failed, if none did
+            return None
+        target = Path(config.video or out / FILM)
+        film_with_bar(out, target, form, backend=backend)
+        return target
+
+    return film

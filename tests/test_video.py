@@ -1,0 +1,217 @@
+"""Films and stills: what they show when, that they are whole or absent, and what is refused."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from kr210_sim.cli import main
+from kr210_sim.config import RunConfig
+from kr210_sim.exceptions import BadInput
+from kr210_sim.film.format import VERDICT, Format, check_cameras, make_format
+from kr210_sim.film.overlay import Overlay
+from kr210_sim.film.take import Take, read_take
+from kr210_sim.results import read_lines
+from kr210_sim.video import find_gl, moments_of
+
+SIZE = (320, 180)
+NO_GL = {"__EGL_VENDOR_LIBRARY_DIRS": "/nowhere", "__EGL_VENDOR_LIBRARY_FILENAMES": "/nowhere"}
+"""Environment in which EGL finds no driver; OSMesa is hidden by a stand-in."""
+
+
+@pytest.fixture(scope="session")
+def gl() -> str:
+    try:
+        return find_gl()
+    except BadInput as error:
+        pytest.skip(f"needs OpenGL: {error}")
+
+
+@pytest.fixture
+def take(default_run) -> Take:
+    score = next(read_lines(default_run.out))
+    return read_take(default_run.out, score, cycles=10, succeeded=0)
+
+
+def failed(take: Take, time: float) -> Take:
+    """A cycle that fails at a time [s]."""
+    cause = {
+        "success": False, "reason": "dropped", "failed_stage": "MOVE_TO_PLACE",
+        "failed_time_s": time, "detail": "a finger lost the target",
+    }  # fmt: skip
+    return Take(score=take.score | cause, series=take.series, cycles=10, succeeded=0)
+
+
+# ---- what is shown when ---------------------------------------------------------------------
+
+
+def test_frames_are_evenly_apart_and_end_with_the_verdict():
+    form = Format(fps=10.0, speed=2.0)
+    moments = form.moments(3, 4.73)
+    times = [time for _, time in moments]
+    still = round(VERDICT * 10)
+    assert {cycle for cycle, _ in moments} == {3}
+    assert times[0] == 0
+    np.testing.assert_allclose(np.diff(times[:-still]), 0.2)
+    assert times[-still:] == [4.73] * still
+    assert times[-still - 1] > 4.73 - 0.2
+
+
+def test_a_film_shows_every_cycle_that_has_a_record(default_run):
+    moments = moments_of(default_run.out, Format(fps=5.0))
+    assert list(dict.fromkeys(cycle for cycle, _ in moments)) == list(range(10))
+    assert {cycle for cycle, _ in moments_of(default_run.out, Format(), 4)} == {4}
+
+
+def test_states_between_record_steps_lie_between_them(take):
+    step = 200
+    before, after = take.series["qpos"][step], take.series["qpos"][step + 1]
+    middle = (take.time[step] + take.time[step + 1]) / 2
+    np.testing.assert_allclose(take.at("qpos", middle), (before + after) / 2, atol=1e-6)
+    np.testing.assert_allclose(take.at("qpos", take.time[step]), before, atol=1e-6)
+    np.testing.assert_allclose(take.at("qpos", 1e9), take.series["qpos"][-1], atol=1e-6)
+    assert take.at("nothing", 1.0) is None
+
+
+def test_stages_and_waypoints_are_those_of_the_record(take):
+    names = [name for name, _, _ in take.stages]
+    assert names[:3] == ["MOVE_TO_PICK", "APPROACH", "CLOSE_GRIPPER"]
+    assert take.stages[0][1] == 0
+    assert take.stages[-1][2] == take.duration
+    for name, begin, end in take.stages:
+        assert take.stage((begin + end) / 2) == name
+    assert 5 <= len(take.waypoints) <= len(names)
+
+
+def test_the_trail_is_thin_and_keeps_to_the_path(take):
+    points, steps = take.path("tcp_measured")
+    measured = np.asarray(take.series["tcp_measured"], dtype=float)[:, :3]
+    np.testing.assert_array_equal(points, measured[steps])
+    assert len(points) < len(measured) / 2
+    assert steps[-1] == len(measured) - 1
+
+
+def test_a_cycle_in_which_nothing_moved_can_be_shown(take):
+    series = {name: take.series[name] for name in ("joint_names", "joint_widths")}
+    still = Take(
+        score=take.score | {"failed_stage": "MOVE_TO_PICK"}, series=series, cycles=1, succeeded=0
+    )
+    assert still.stage(0.3) == "MOVE_TO_PICK"
+    assert still.at("qpos", 0.3) is None
+    assert len(still.waypoints) == len(still.path("tcp_measured")[0]) == 0
+    picture = np.zeros((180, 320, 3), dtype=np.uint8)
+    Overlay(SIZE, {"overview": (0, 0, *SIZE)}).paint(picture, still, 0.5)
+    assert picture.any()
+
+
+def test_a_finger_presses_on_the_target_towards_the_other(take):
+    """The forces are those on the target: each points from its own finger to the other one."""
+    force = np.asarray(take.series["grip_force"], dtype=float)
+    sizes = np.linalg.norm(force.reshape(-1, 2, 3), axis=2)
+    np.testing.assert_allclose(sizes, take.series["finger_force"], rtol=1e-5, atol=1e-3)
+    held = np.flatnonzero(take.series["stage"] == 5)[10]
+    right, left = force[held].reshape(2, 3) / sizes[held][:, None]
+    assert right @ left < -0.9
+
+
+# ---- the overlay ----------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("size", [(1280, 720), (640, 480), (64, 64), (200, 1080)])
+def test_the_verdict_appears_at_its_time(take, size):
+    lost = failed(take, 2.0)
+    overlay = Overlay(size, {"overview": (0, 0, *size)})
+
+    def corner(time: float) -> np.ndarray:
+        picture = np.full((size[1], size[0], 3), 128, dtype=np.uint8)
+        overlay.paint(picture, lost, time)
+        return picture[: max(8, size[1] // 12), -size[0] // 6 :]
+
+    def red(picture: np.ndarray) -> bool:
+        return bool(np.any(picture[..., 0].astype(int) - picture[..., 1] > 100))
+
+    assert not red(corner(1.99))
+    assert red(corner(2.0))
+
+
+def test_the_overlay_follows_time_and_leaves_the_middle_alone(take):
+    overlay = Overlay((640, 360), {"a": (0, 0, 320, 360), "b": (320, 0, 320, 360)})
+    pictures = []
+    for time in (1.0, 2.0):
+        picture = np.full((360, 640, 3), 200, dtype=np.uint8)
+        overlay.paint(picture, take, time)
+        assert np.all(picture[120:280, 20:300] == 200)
+        pictures.append(picture)
+    assert np.any(pictures[0] != pictures[1])
+
+
+# ---- what is refused ------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("option", "value"),
+    [
+        ("size", "1281x720"), ("size", "1280x721"), ("size", "12x10"), ("size", "9999x9998"),
+        ("size", "large"), ("size", "1280"), ("size", "-2x4"), ("size", ""),
+        ("fps", 0.0), ("fps", float("nan")), ("fps", 1e9),
+        ("speed", 0.0), ("speed", float("nan")), ("speed", -1.0), ("speed", 1e9),
+    ],
+)  # fmt: skip
+def test_an_impossible_form_is_refused(option, value):
+    with pytest.raises(BadInput, match=f"--{option}"):
+        make_format(cameras=(), **{option: value})
+
+
+def test_an_unknown_camera_is_refused_with_those_there_are():
+    with pytest.raises(BadInput, match="'side'; there are front, gripper, free"):
+        check_cameras(("front", "side"), ("front", ""), "--camera")
+    assert check_cameras((), ("front", "overview"), "") == ("overview",)
+    assert check_cameras((), ("front",), "") == ("front",)
+    assert check_cameras((), (), "") == ("gripper",)
+    with pytest.raises(BadInput, match="17 cameras"):
+        check_cameras(("front",) * 17, ("front",), "")
+
+
+def test_options_of_a_film_need_one():
+    with pytest.raises(BadInput, match="--video"):
+        RunConfig(fps=10.0)
+    assert RunConfig(video="", camera=("gripper",), size="640x360").film().size == (640, 360)
+
+
+REFUSED = {
+    "no run": (["nowhere"], "cycles.jsonl"),
+    "no such cycle": (["RUN", "--cycle", "10"], "--cycle"),
+    "no such camera": (["RUN", "--camera", "side"], "overview"),
+    "odd size": (["RUN", "--size", "101x80"], "--size"),
+    "no film": (["RUN", "--out", "film.avi"], "--out"),
+    "no folder": (["RUN", "--out", "nowhere/film.mp4"], "--out"),
+    "film exists": (["RUN", "--out", "there.mp4"], "exists"),
+    "no number": (["RUN", "--fps", "many"], "--fps"),
+}
+
+
+@pytest.mark.parametrize("name", REFUSED)
+def test_render_refuses_in_one_line(default_run, tmp_path, monkeypatch, capfd, name):
+    monkeypatch.chdir(tmp_path)
+    Path("there.mp4").touch()
+    arguments, expected = REFUSED[name]
+    given = [str(default_run.out) if word == "RUN" else word for word in arguments]
+    assert main(["render", *given]) == 2
+    out, err = capfd.readouterr()
+    assert (out, err.count("\n")) == ("", 1)
+    assert expected in err
+    assert [path.name for path in tmp_path.iterdir()] == ["there.mp4"]
+
+
+def test_a_run_without_records_has_no_film(default_run, tmp_path):
+    line = next(read_lines(default_run.out))
+    (tmp_path / "cycles.jsonl").write_text(json.dumps(line) + "\n")
+    with pytest.raises(BadInput, match="--record all"):
+        moments_of(tmp_path, Format())
+    (tmp_path / "cycles").mkdir()
+    (tmp_path / "cycles" / "0000.npz").write_bytes(b"PK broken")
+    with pytest.raises(BadInput, match=r"0000\.npz is damaged"):
+        moments_of(tmp_path, Format())
