@@ -202,6 +202,7 @@ class Meter:
             for owner, name in places
         ]
         patches.append(mock.patch.object(Simulation, "step", self._kept(Simulation.step)))
+        patches.append(mock.patch.object(Simulation, "undo", self._dropped(Simulation.undo)))
         for patch in patches:
             patch.start()
         try:
@@ -229,11 +230,20 @@ class Meter:
                 begun = time.process_time()
                 self.simulation, self.start = simulation, copy.copy(simulation.data)
                 self.lost += time.process_time() - begun
+            count = len(self.ctrl)
+            self.ctrl.append(ctrl)
             rows = step(simulation, ctrl)
-            self.ctrl.append(ctrl[: len(rows)])
+            self.ctrl[count:] = [ctrl[: len(rows)]]
             return rows
 
         return kept
+
+    def _dropped(self, undo: Callable[..., Any]) -> Callable[..., Any]:
+        def dropped(simulation: Simulation) -> None:
+            undo(simulation)
+            self.ctrl.pop()
+
+        return dropped
 
 
 def print_overhead(passes: list[Pass]) -> None:

@@ -63,11 +63,17 @@ class Controller:
         self._finger = np.array([simulation.data.ctrl[address.finger_ctrl]])
         self._arm_done = self._finger_done = 0
         self._on_the_way = np.repeat(self._wanted(1), round(delay / self._step), axis=0)
+        self._before = self._arm_done, self._finger_done, self._on_the_way
 
     @property
     def moving(self) -> bool:
         """Whether the current trajectory has steps left."""
-        return self._arm_done < len(self._arm.q)
+        return self.left > 0
+
+    @property
+    def left(self) -> int:
+        """Number of physics steps that the current trajectory has left."""
+        return max(0, len(self._arm.q) - self._arm_done)
 
     def follow(self, trajectory: Trajectory) -> None:
         """Start a trajectory at the next physics step."""
@@ -99,12 +105,17 @@ class Controller:
 
         What the servos get, `ctrl`, is what was wanted the delay before.
         """
+        self._before = self._arm_done, self._finger_done, self._on_the_way
         wanted = np.concatenate([self._on_the_way, self._wanted(count)])
         ctrl, self._on_the_way = wanted[:count], wanted[count:]
         arm = np.minimum(np.arange(count) + self._arm_done, len(self._arm.q) - 1)
         self._arm_done += count
         self._finger_done += count
         return Commands(ctrl=ctrl, q=self._arm.q[arm], T_base_tcp=self._arm.T_base_tcp[arm])
+
+    def undo(self) -> None:
+        """Take the latest commands back: `next` starts where it did then."""
+        self._arm_done, self._finger_done, self._on_the_way = self._before
 
     def _wanted(self, count: int) -> Array:
         """Return ctrl (count, nu) of the next physics steps, as if it arrived at once."""

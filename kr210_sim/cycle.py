@@ -3,31 +3,23 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
 
 import mujoco
 import numpy as np
 
 from kr210_sim.clearance import least_clearance
 from kr210_sim.collision import MujocoOracle
-from kr210_sim.control import Controller
 from kr210_sim.criteria import HOME_SLACK, LIFT_HEIGHT_LIMIT, REST_TIME
 from kr210_sim.exceptions import CycleFailure
-from kr210_sim.monitor import Monitor, position_quaternion
+from kr210_sim.monitor import position_quaternion
 from kr210_sim.motions import CycleSetup, TimedMotion, plan_cycle
 from kr210_sim.offsets import ik_offsets
-from kr210_sim.record import RECORD_STEP, CycleRecord, Event, unplayed_record
+from kr210_sim.record import CycleRecord, Event, unplayed_record
 from kr210_sim.scene import Target
 from kr210_sim.simulation import Simulation
+from kr210_sim.stepping import Probe, Stepping, Stopped
 
 __all__ = ["CycleSetup", "Probe", "TimedMotion", "plan_cycle", "run_cycle"]
-
-Probe = Callable[[Simulation, str, float], None]
-"""Called before every record step with the simulation, the stage and the time [s]: tests disturb
-the world here, a viewer may look."""
-
-TRACKING_LIMIT = 0.05
-"""Following error of a joint at which the drives stop [rad]."""
 
 ARRIVED = 2e-3
 """A motion has ended when every joint is this close to its end [rad]; a load that the controller
@@ -57,58 +49,32 @@ SETTLE_LIMIT = 8.0
 """Longest wait for a released target to come to rest after the return home [s]."""
 
 
-class _Cycle:
+class _Cycle(Stepping):
     """The state of a running cycle."""
 
     def __init__(
         self, simulation: Simulation, target: Target, setup: CycleSetup, probe: Probe | None
     ) -> None:
-        self.simulation, self.target, self.setup, self.probe = simulation, target, setup, probe
-        self.scene = simulation.scene
-        self.monitor = Monitor(simulation)
-        self.controller = Controller(simulation, setup.variation.delay)
-        self.stage = "MOVE_TO_PICK"
-        self.closing = False
-        self.home_time: float | None = None
-        self._chunk = round(RECORD_STEP / simulation.model.opt.timestep)
-
-    def advance(self) -> None:
-        """Simulate one record step; stop the cycle if a condition breaks."""
-        if self.probe is not None:
-            self.probe(self.simulation, self.stage, self.monitor.time)
-        commands = self.controller.next(self._chunk)
-        rows = self.simulation.step(commands.ctrl)
-        if self.simulation.diverged or not np.all(np.isfinite(rows)):
-            raise CycleFailure("simulation_diverged", "MuJoCo reports an impossible state")
-        self.monitor.observe(rows, commands, self.stage)
-        if self.monitor.events:
-            raise _Stopped
-        error = np.abs(self.monitor.q - commands.q[-1])
-        if np.max(error) > TRACKING_LIMIT:
-            joint = self.scene.robot.arm_joints[int(np.argmax(error))]
-            detail = f"{joint} is {np.max(error):.3f} rad from its command"
-            raise CycleFailure("tracking", detail)
-        if self.home_time is None and self.monitor.time > self.scene.time_limit:
-            raise CycleFailure("timeout", f"not home after {self.scene.time_limit:g} s")
-
-    def wait(self, done: Callable[[], bool], limit: float, failure: CycleFailure) -> None:
-        """Advance until a condition on the simulation holds, or fail."""
-        deadline = self.monitor.time + limit
-        while not done():
-            if self.monitor.time > deadline:
-                raise failure
-            self.advance()
+        super().__init__(simulation, setup.variation.delay, probe)
+        self.target, self.setup, self.closing = target, setup, False
 
     def move(self, motion: TimedMotion) -> None:
         """Run one planned motion to its end, stage by stage."""
         begun = self.monitor.time
+
+        def due(time: float) -> tuple[str, bool]:
+            """Return the stage at a time, and whether the gripper must be closing then."""
+            elapsed = time - begun
+            stage = motion.stages[motion.trajectory.part_at(elapsed)]
+            return stage, stage == "APPROACH" and motion.trajectory.duration - elapsed < CLOSE_EARLY
+
         self.controller.follow(motion.trajectory)
         while self.controller.moving:
-            elapsed = self.monitor.time - begun
-            self.enter(motion.stages[motion.trajectory.part_at(elapsed)])
-            if self.stage == "APPROACH" and motion.trajectory.duration - elapsed < CLOSE_EARLY:
+            stage, closing = due(self.monitor.time)
+            self.enter(stage)
+            if closing:
                 self.close_gripper()
-            self.advance()
+            self.advance(self.steps_alike(due))
         end, stage = motion.trajectory.end, self.stage
         homing = stage == "MOVE_HOME"
         near = HOME_SLACK if homing else ARRIVED
@@ -128,7 +94,7 @@ class _Cycle:
         self.stage = stage
 
     def run(self, motions: list[TimedMotion]) -> None:
-        """Go through the stages; raises CycleFailure or _Stopped where one cannot go on."""
+        """Go through the stages; raises CycleFailure or Stopped where one cannot go on."""
         for motion in motions:
             self.move(motion)
             if self.stage == "APPROACH":
@@ -141,6 +107,7 @@ class _Cycle:
             lambda: self.monitor.resting_for >= REST_TIME,
             SETTLE_LIMIT,
             CycleFailure("outside_bin", "the target does not come to rest"),
+            least=lambda: REST_TIME - self.monitor.resting_for,
         )
 
     def close_gripper(self) -> None:
@@ -205,10 +172,6 @@ class _Cycle:
         }
 
 
-class _Stopped(Exception):
-    """A condition of success broke; the monitor holds the event."""
-
-
 def run_cycle(
     simulation: Simulation, target: Target, setup: CycleSetup, *, probe: Probe | None = None
 ) -> CycleRecord:
@@ -240,7 +203,7 @@ def run_cycle(
                 detail=failure.detail,
             )
         )
-    except _Stopped:
+    except Stopped:
         pass
     except mujoco.FatalError as error:
         detail = " ".join(str(error).split())

@@ -12,7 +12,7 @@ import numpy as np
 import ik
 from kr210_sim.config import RunConfig
 from kr210_sim.criteria import CLEARANCE_FREE
-from kr210_sim.cycle import CycleSetup, Probe, run_cycle
+from kr210_sim.cycle import CycleSetup, run_cycle
 from kr210_sim.exceptions import BadInput
 from kr210_sim.grading.findings import Refused
 from kr210_sim.grading.foreign import ForeignSolver
@@ -23,6 +23,7 @@ from kr210_sim.robot import Robot
 from kr210_sim.scene import Scene, Target, build_scene, find_scene
 from kr210_sim.score import CycleScore, score_cycle
 from kr210_sim.simulation import Simulation
+from kr210_sim.stepping import Probe
 from kr210_sim.tracks import Solver
 from kr210_sim.variation import Variation, check_block, vary
 

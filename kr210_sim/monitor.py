@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,6 +22,7 @@ from kr210_sim.criteria import (
     SPEED_RATIO_LIMIT,
 )
 from kr210_sim.record import STAGES, Event
+from kr210_sim.seen import Seen
 from kr210_sim.simulation import Simulation
 
 GRIP_READY = 0.9
@@ -41,8 +42,8 @@ class Monitor:
         finger_position: (2,) latest finger joint positions [m].
         pressing_for: how long both fingers have touched the target and pressed at the end of each
             record step with the force that a grip has [s].
-        q: (6,) latest arm configuration [rad].
         tracking: largest distance of measured from commanded TCP in the latest record step [m].
+        q: (6,) latest arm configuration [rad].
     """
 
     def __init__(self, simulation: Simulation) -> None:
@@ -82,7 +83,7 @@ class Monitor:
 
     def series(self) -> dict[str, Array]:
         """Return the series so far, name -> (n, ...)."""
-        series = {name: np.array(values) for name, values in self._series.items()}
+        series = {name: np.concatenate(values) for name, values in self._series.items()}
         if series:
             series["tcp_commanded"] = position_quaternion(series["tcp_commanded"])
         return series
@@ -91,108 +92,163 @@ class Monitor:
         """Take in the measurements (n, m) of the physics steps of one record step."""
         if not len(rows):
             return
-        start = self.time
-        self.time += len(rows) * self._step
+        start, seen = self.time, self._see(rows, commands, 1)
+        found = list(self._breaches(seen))
+        self._take(seen, commands, stage)
+        self._note(found, start, stage)
+
+    def observe_calm(self, rows: Array, commands: Commands, stage: str, count: int) -> bool:
+        """Take in several record steps of equal length, unless a condition breaks in them.
+
+        Returns:
+            Whether none broke; else nothing is taken in.
+        """
+        seen = self._see(rows, commands, count)
+        if next(self._breaches(seen), None) is not None:
+            return False
+        self._take(seen, commands, stage)
+        return True
+
+    def _see(self, rows: Array, commands: Commands, count: int) -> Seen:
+        """Return what measurements (n, m) of some record steps mean; nothing is changed."""
         column = {name: rows[:, where] for name, where in self._columns.items()}
         right, left = column["target_right"], column["target_left"]
         touch = np.stack([right[:, 0] > 0, left[:, 0] > 0], axis=1)
         height = column["target_position"][:, 2] - self._rest_height
         only_fingers = touch.all(axis=1) & (column["target_all"][:, 0] == right[:, 0] + left[:, 0])
-        slip_m, slip_rad = self._slip(column, touch)
-        foreign = rows @ self._simulation.foreign_weights
+        clear = np.where(only_fingers, height, 0.0)
+        lifted = clear.reshape(count, -1).max(axis=1) >= LIFT_HEIGHT_LIMIT
+        slip_m, slip_rad, lift_off = self._slip(column, touch)
         q = np.concatenate([rows[:, self._q], rows[:, self._finger]], axis=1)
         qd = np.concatenate([rows[:, self._qd], rows[:, self._finger_speed]], axis=1)
-        used = np.abs(rows[:, self._tau]) / self._effort
-        excess = np.maximum(self._lower - q, q - self._upper)
-        speed = np.linalg.norm(column["target_velocity"], axis=1)
-        spin = np.linalg.norm(column["target_spin"], axis=1)
-        strayed = column["tcp_position"] - commands.T_base_tcp[: len(rows), :3, 3]
-        self.tracking = float(np.max(np.linalg.norm(strayed, axis=1)))
-        self._press(touch, right, left, column["tcp_quat_wxyz"][-1])
-        self.touching, self.q = touch[-1], np.array(q[-1, :6])
-        self.finger_position = np.array(rows[-1, self._fingers])
-        clear = np.where(only_fingers, height, 0.0)
-        self.lifted = self.lifted or bool(clear.max() >= LIFT_HEIGHT_LIMIT)
-        self._rest(speed, spin)
-        kept = {
-            "time": self.time,
-            "stage": STAGES.index(stage),
-            "qpos": np.array(self._simulation.measured),
-            "ctrl": commands.ctrl[len(rows) - 1],
-            "tcp_commanded": commands.T_base_tcp[len(rows) - 1],
-            "tcp_measured": np.hstack([column["tcp_position"][-1], column["tcp_quat_wxyz"][-1]]),
-            "tracking_max": self.tracking,
-            "grip_force": np.concatenate([right[-1, 1:], left[-1, 1:]]),
-            "finger_force": self.force.copy(),
-            "friction_ratio": self.friction_ratio.copy(),
-            "fingers_touch": touch.all(axis=0),
-            "finger_contacts_min": np.array([right[:, 0].min(), left[:, 0].min()]),
-            "clear_height_max": clear.max(),
-            "slip_m_max": slip_m.max(),
-            "slip_rad_max": slip_rad.max(),
-            "position_excess_max": max(0.0, excess.max()),
-            "speed_ratio_max": np.max(np.abs(qd) / self._velocity),
-            "effort_ratio_max": np.max(used),
-            "target_speed_max": speed.max(),
-            "target_spin_max": spin.max(),
-            "foreign_contacts_max": foreign.max(),
-        }
-        for name, value in kept.items():
-            self._series.setdefault(name, []).append(np.asarray(value, dtype=float))
-        found = [
-            *self._foreign(foreign),
-            *self._limits(excess, np.abs(qd) / self._velocity, used),
-            *self._losses(touch, slip_m),
-            *self._jumps(column["target_position"], speed),
-        ]
-        self._note(found, start, stage)
+        return Seen(
+            count=count,
+            rows=rows,
+            column=column,
+            touch=touch,
+            clear=clear,
+            lifted=np.logical_or.accumulate(lifted) | self.lifted,
+            slip_m=slip_m,
+            slip_rad=slip_rad,
+            lift_off=lift_off,
+            foreign=rows @ self._simulation.foreign_weights,
+            excess=np.maximum(self._lower - q, q - self._upper),
+            speed_ratio=np.abs(qd) / self._velocity,
+            effort_ratio=np.abs(rows[:, self._tau]) / self._effort,
+            tracking=np.linalg.norm(
+                column["tcp_position"] - commands.T_base_tcp[: len(rows), :3, 3], axis=1
+            ),
+            speed=np.linalg.norm(column["target_velocity"], axis=1),
+            spin=np.linalg.norm(column["target_spin"], axis=1),
+        )
 
-    def _slip(self, column: dict[str, Array], touch: NDArray[np.bool_]) -> tuple[Array, Array]:
-        """Return shift [m] and turn [rad] of the target in the TCP frame since lift-off, (n,)."""
+    def _take(self, seen: Seen, commands: Commands, stage: str) -> None:
+        """Go on to the end of some record steps and keep their series."""
+        rows, column, count = seen.rows, seen.column, seen.count
+        length = len(rows) // count
+        duration = length * self._step
+        times = []
+        for _ in range(count):
+            self.time += duration
+            times.append(self.time)
+        ends = slice(length - 1, None, length)
+        sides = [column[name] for name in ("target_right", "target_left")]
+        forces = np.stack([side[ends, 1:] for side in sides], axis=1)
+        force = _length(forces)
+        friction_ratio = self._friction_ratio(forces, column["tcp_quat_wxyz"][ends])
+        touching = np.all(seen.each(seen.touch), axis=1)
+        self._press(np.all(touching, axis=1) & (force.min(axis=1) >= self._grip), duration)
+        self._rest(seen.each((seen.speed >= REST_SPEED) | (seen.spin >= REST_SPIN)))
+        self.force, self.friction_ratio = force[-1], friction_ratio[-1]
+        self.touching, self.lifted = seen.touch[-1], bool(seen.lifted[-1])
+        self.q = np.array(rows[-1, self._q])
+        self.finger_position = np.array(rows[-1, self._fingers])
+        peaks = seen.peaks()
+        self.tracking = float(peaks["tracking_max"][-1])
+        self._lift_off = seen.lift_off
+        self._last = np.array(column["target_position"][-1]), float(seen.speed[-1])
+        kept = {
+            "time": times,
+            "stage": np.full(count, STAGES.index(stage)),
+            "qpos": self._simulation.measured[ends],
+            "ctrl": commands.ctrl[: len(rows)][ends],
+            "tcp_commanded": commands.T_base_tcp[: len(rows)][ends],
+            "tcp_measured": np.concatenate(
+                [column["tcp_position"][ends], column["tcp_quat_wxyz"][ends]], axis=1
+            ),
+            "grip_force": forces.reshape(count, 6),
+            "finger_force": force,
+            "friction_ratio": friction_ratio,
+            "fingers_touch": touching,
+            "finger_contacts_min": np.stack(
+                [np.min(seen.each(side[:, 0]), axis=1) for side in sides], axis=1
+            ),
+        } | peaks
+        for name, value in kept.items():
+            self._series.setdefault(name, []).append(np.array(value, dtype=float))
+
+    def _breaches(self, seen: Seen) -> Iterator[_Breach]:
+        """Yield the first breach of every condition."""
+        yield from self._foreign(seen.foreign)
+        yield from self._limits(seen.excess, seen.speed_ratio, seen.effort_ratio)
+        yield from self._losses(seen)
+        yield from self._jumps(seen)
+
+    def _slip(self, column: dict[str, Array], touch: NDArray[np.bool_]) -> tuple[Array, Array, Any]:
+        """Return shift [m] and turn [rad] of the target in the TCP frame since lift-off, (n,).
+
+        Third is its pose there at lift-off, None before.
+        """
         count = len(touch)
         position, quat_wxyz = column["held_position"], column["held_quat_wxyz"]
-        begin = 0
-        if self._lift_off is None:
+        begin, lift_off = 0, self._lift_off
+        if lift_off is None:
             off = touch.all(axis=1) & (column["target_support"][:, 0] == 0)
             if not off.any():
-                return np.zeros(count), np.zeros(count)
+                return np.zeros(count), np.zeros(count), None
             begin = int(np.argmax(off))
-            self._lift_off = np.array(position[begin]), np.array(quat_wxyz[begin])
+            lift_off = np.array(position[begin]), np.array(quat_wxyz[begin])
         if self.released:
-            return np.zeros(count), np.zeros(count)
+            return np.zeros(count), np.zeros(count), lift_off
         held = np.arange(count) >= begin
-        shift = np.linalg.norm(position - self._lift_off[0], axis=1)
+        shift = np.linalg.norm(position - lift_off[0], axis=1)
         # Half the angle between unit quaternions (Kahan): well conditioned for small turns, too.
-        start = self._lift_off[1] * np.where(quat_wxyz @ self._lift_off[1] < 0, -1.0, 1.0)[:, None]
+        start = lift_off[1] * np.where(quat_wxyz @ lift_off[1] < 0, -1.0, 1.0)[:, None]
         apart = np.linalg.norm(quat_wxyz - start, axis=1)
         turn = 4 * np.arctan2(apart, np.linalg.norm(quat_wxyz + start, axis=1))
-        return np.where(held, shift, 0.0), np.where(held, turn, 0.0)
+        return np.where(held, shift, 0.0), np.where(held, turn, 0.0), lift_off
 
-    def _rest(self, speed: Array, spin: Array) -> None:
-        moving = np.flatnonzero((speed >= REST_SPEED) | (spin >= REST_SPIN))
-        if len(moving):
-            self.resting_for = (len(speed) - 1 - int(moving[-1])) * self._step
-        else:
-            self.resting_for += len(speed) * self._step
+    def _friction_ratio(self, forces: Array, quat_wxyz: Array) -> Array:
+        """Return the part of forces (n, 2, 3) along the jaws over that across them, (n, 2).
 
-    def _press(self, touch: NDArray[np.bool_], right: Array, left: Array, quat_wxyz: Array) -> None:
-        """Take in contacts (n, 2), the measured force of each finger (n, 4), and the TCP's turn."""
-        w, x, y, z = quat_wxyz
-        across = self._R_world_base @ [
-            2 * (x * y - w * z),
-            1 - 2 * (x * x + z * z),
-            2 * (y * z + w * x),
-        ]
-        for finger, side in enumerate((right, left)):
-            force = side[-1, 1:]
-            normal = float(force @ across)
-            along = np.linalg.norm(force - normal * across)
-            self.force[finger] = np.linalg.norm(force)
-            self.friction_ratio[finger] = along / abs(normal) if normal else 0.0
-        if touch.all() and bool(np.min(self.force) >= self._grip):
-            self.pressing_for += len(touch) * self._step
-        else:
-            self.pressing_for = 0.0
+        Args:
+            forces: of both fingers in the world frame [N].
+            quat_wxyz: (n, 4) the TCP's turn in the base frame.
+        """
+        w, x, y, z = quat_wxyz.T
+        y_base = np.stack(
+            [2 * (x * y - w * z), 1 - 2 * (x * x + z * z), 2 * (y * z + w * x)], axis=1
+        )
+        across = np.sum(self._R_world_base * y_base[:, None], axis=2)[:, None]
+        normal = np.sum(forces * across, axis=2)
+        along = _length(forces - normal[:, :, None] * across)
+        ratio = np.zeros_like(along)
+        np.divide(along, np.abs(normal), out=ratio, where=normal != 0)
+        return ratio
+
+    def _rest(self, moving: NDArray[np.bool_]) -> None:
+        """Take in whether the target moved, (record steps, physics steps)."""
+        for steps in moving:
+            last = np.flatnonzero(steps)
+            if len(last):
+                self.resting_for = (len(steps) - 1 - int(last[-1])) * self._step
+            else:
+                self.resting_for += len(steps) * self._step
+
+    def _press(self, pressed: NDArray[np.bool_], duration: float) -> None:
+        """Take in whether both fingers pressed with the force of a grip, (record steps,)."""
+        for holds in pressed.tolist():
+            self.pressing_for = self.pressing_for + duration if holds else 0.0
 
     def _foreign(self, count: Array) -> Iterator[_Breach]:
         """Yield the first contact that is not permitted."""
@@ -210,30 +266,32 @@ class Monitor:
                 step, joint = np.unravel_index(int(np.argmax(breach)), breach.shape)
                 yield _Breach(int(step), "limits_exceeded", f"{self._joints[joint]}: {what}")
 
-    def _losses(self, touch: Array, slip_m: Array) -> Iterator[_Breach]:
+    def _losses(self, seen: Seen) -> Iterator[_Breach]:
         """Yield the first step at which a target being carried is lost."""
-        if not self.lifted or self.released:
+        if not seen.lifted[-1] or self.released:
             return
-        lost = ~np.all(touch, axis=1)
+        carried = np.repeat(seen.lifted, len(seen.rows) // seen.count)
+        lost = carried & ~np.all(seen.touch, axis=1)
         if np.any(lost):
             step = int(np.argmax(lost))
-            finger = self._simulation.scene.robot.fingers[int(np.argmin(touch[step]))]
+            finger = self._simulation.scene.robot.fingers[int(np.argmin(seen.touch[step]))]
             yield _Breach(step, "dropped", f"{finger} lost the target")
-        if np.any(slip_m >= SLIP_LIMIT):
-            detail = f"slipped {1000 * slip_m.max():.1f} mm"
-            yield _Breach(int(np.argmax(slip_m >= SLIP_LIMIT)), "dropped", detail)
+        slipped = carried & (seen.slip_m >= SLIP_LIMIT)
+        if np.any(slipped):
+            detail = f"slipped {1000 * seen.slip_m.max():.1f} mm"
+            yield _Breach(int(np.argmax(slipped)), "dropped", detail)
 
-    def _jumps(self, position: Array, speed: Array) -> Iterator[_Breach]:
+    def _jumps(self, seen: Seen) -> Iterator[_Breach]:
         """Yield the first step at which the target moved further than its speed explains."""
+        position, speed = seen.column["target_position"], seen.speed
         if self._last is not None:
             before, v_before = self._last
             position = np.concatenate([before[None], position])
             speed = np.append(v_before, speed)
-        self._last = np.array(position[-1]), float(speed[-1])
         moved = np.linalg.norm(np.diff(position, axis=0), axis=1)
         explained = np.maximum(speed[:-1], speed[1:]) * self._step + JUMP_SLACK
         if np.any(moved > explained):
-            held = "dropped" if self.lifted else "missed_grasp"
+            held = "dropped" if seen.lifted[-1] else "missed_grasp"
             reason = "outside_bin" if self.released else held
             step = int(np.argmax(moved > explained))
             yield _Breach(step, reason, f"the target jumped by {1000 * moved[step]:.1f} mm")
@@ -254,6 +312,11 @@ class _Breach(NamedTuple):
     step: int
     reason: str
     detail: str
+
+
+def _length(vectors: Array) -> Array:
+    """Return the lengths (...) of vectors (..., 3), with the same bits for any number of them."""
+    return np.asarray(np.linalg.norm(vectors, axis=-1))
 
 
 def position_quaternion(T: Array) -> Array:

@@ -39,7 +39,7 @@ class Simulation:
         addresses: of the robot in `model`.
         columns: slice of each measurement in the rows that `step` returns; present while a target
             is watched.
-        measured: (nq,), the positions that the last row of measurements belongs to.
+        measured: (n, nq), the positions that the rows of the latest `step` belong to.
         foreign_weights: (m,), a row of measurements times this is the number of contacts of robot
             and watched target that are not permitted.
     """
@@ -52,7 +52,8 @@ class Simulation:
         self.data = mujoco.MjData(self.model)
         self.columns: dict[str, slice] = {}
         self.foreign_weights = np.zeros(self.model.nsensordata)
-        self.measured = np.array(self.data.qpos)
+        self.measured = np.array(self.data.qpos)[None]
+        self._before: mujoco.MjData | None = None
         self._watched = ""
         self._permitted: set[str] = set()
         self._bind()
@@ -157,6 +158,7 @@ class Simulation:
 
     def _recompile(self) -> None:
         self.model, self.data = self._spec.recompile(self.model, self.data)
+        self._before = None
         self._bind()
         self.columns = {}
         self.foreign_weights = np.zeros(self.model.nsensordata)
@@ -174,23 +176,43 @@ class Simulation:
     def step(self, ctrl: Array) -> Array:
         """Advance one physics step per row of ctrl (n, nu); return the measurements (n, m).
 
-        A row holds what MuJoCo measured in the state before that step was integrated; `measured`
-        is the qpos of that state for the last row. The steps end early at the first contact that
-        is not permitted, so that its bodies can be named.
+        A row holds what MuJoCo measured in the state before that step was integrated. The steps
+        end early at the first contact that is not permitted, so that its bodies can be named.
         """
-        model, data = self.model, self.data
-        rows = np.empty((len(ctrl), model.nsensordata))
-        sensordata, target, weights = data.sensordata, data.ctrl, self.foreign_weights
-        self.measured, qpos = np.array(data.qpos), data.qpos
+        if self._before is None:
+            self._before = mujoco.MjData(self.model)
+        mujoco.mj_copyData(self._before, self.model, self.data)
         with np.errstate(invalid="ignore"):  # a diverging state is for the caller to see
-            for index in range(len(ctrl)):
-                target[:] = ctrl[index]
-                self.measured[:] = qpos
-                mujoco.mj_step(model, data)
-                rows[index] = sensordata
-                if weights @ sensordata > 0.5:
-                    return rows[: index + 1]
-        return rows
+            try:
+                rows = self._run(ctrl)
+                if not np.any(rows @ self.foreign_weights > 0.5):
+                    return rows
+            except mujoco.FatalError:
+                pass  # perhaps such a contact came first
+            self.undo()
+            return self._run(ctrl, careful=True)
+
+    def _run(self, ctrl: Array, *, careful: bool = False) -> Array:
+        """Step; only a careful run, which is slower, ends at a contact that is not permitted."""
+        model, data, weights = self.model, self.data, self.foreign_weights
+        sensordata, target, qpos = data.sensordata, data.ctrl, data.qpos
+        rows = np.empty((len(ctrl), model.nsensordata))
+        measured = np.empty((len(ctrl), model.nq))
+        count = len(ctrl)
+        for index in range(count):
+            target[:] = ctrl[index]
+            measured[index] = qpos
+            mujoco.mj_step(model, data)
+            rows[index] = sensordata
+            if careful and weights @ sensordata > 0.5:
+                count = index + 1
+                break
+        self.measured = measured[:count]
+        return rows[:count]
+
+    def undo(self) -> None:
+        """Go back to the state before the latest `step`, bit for bit."""
+        mujoco.mj_copyData(self.data, self.model, self._before)
 
     @property
     def diverged(self) -> bool:
