@@ -17,7 +17,7 @@ from kr210_sim.grading.source import FRAMES, SCOPES, SolverLimits, SolverSource
 from kr210_sim.randomize import Randomization, read_randomization
 from kr210_sim.source import RobotSource
 from kr210_sim.viewers.address import HOST, PORT, VIEWERS
-from kr210_sim.viewers.pace import MAX_SPEED, MIN_SPEED
+from kr210_sim.viewers.pace import check_speed
 
 MAX_CYCLES = 1_000_000
 MIN_MASS = 1e-3
@@ -287,11 +287,7 @@ class RunConfig:
             raise BadInput(
                 "--viewer: what is watched is played in one process; leave --jobs and --backend out"
             )
-        if not MIN_SPEED <= self.viewer_speed <= MAX_SPEED:
-            raise BadInput(
-                f"--viewer-speed: {self.viewer_speed} is out of range; "
-                f"give {MIN_SPEED:g} to {MAX_SPEED:g}"
-            )
+        check_speed("--viewer-speed", self.viewer_speed)
 
     def film(self) -> Format:
         """Return the form of the film of --video.

@@ -151,8 +151,8 @@ POINTS = {
 """What a record holds of each pose the IK solved: the lines of the pick, then of the place."""
 
 
-def save_record(record: CycleRecord, path: Path) -> None:
-    """Write a record as float32 to an .npz file: series, points, joint and stage names."""
+def record_arrays(record: CycleRecord) -> dict[str, Any]:
+    """Return what is kept of a record: series and points as float32, joint and stage names."""
     points = {name: getattr(record, name) for name in POINTS}
     arrays: dict[str, Any] = {
         name: values.astype(np.float32) for name, values in (record.series | points).items()
@@ -161,6 +161,12 @@ def save_record(record: CycleRecord, path: Path) -> None:
     arrays["joint_names"] = np.array(list(record.start))
     arrays["drawn"] = np.array(json.dumps(record.drawn, allow_nan=False))
     arrays["joint_widths"] = np.array([len(values) for values in record.start.values()])
+    return arrays
+
+
+def save_record(record: CycleRecord, path: Path) -> None:
+    """Write a record to an .npz file."""
+    arrays = record_arrays(record)
     path.parent.mkdir(parents=True, exist_ok=True)
     with path.open("wb") as file:
         np.savez_compressed(file, **arrays)

@@ -8,7 +8,8 @@ from __future__ import annotations
 import os
 import shutil
 import socket
-from collections.abc import Iterator
+import threading
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +19,10 @@ import pytest
 import ik
 from kr210_sim.source import RobotSource
 from kr210_sim.viewers.arm_page import ArmPage
+from kr210_sim.viewers.cycle_page import ReplayPage
+from kr210_sim.viewers.pace import Pace
 from kr210_sim.viewers.page import Page
+from kr210_sim.viewers.replay import Player, load_replay
 from kr210_sim.viewers.subject import load_subject
 
 pytestmark = pytest.mark.slow
@@ -129,6 +133,39 @@ def test_a_slider_moves_the_arm_and_the_numbers_are_those_of_ik_forward(browser,
     own = f"http://127.0.0.1:{arm_page.page.server.get_port()}/"
     assert {url for url in said if not url.startswith(("data:", "blob:"))} == {own}
     tab.close()
+
+
+def test_a_recorded_cycle_is_played_and_its_slider_seeks(browser, default_run):
+    replay, pace = load_replay(default_run.out, 1), Pace(1.0)
+    pace.pause()
+    page = Page("127.0.0.1", free_port(), "test")
+    page.cast_shadows(False)
+    seek: list[Callable[[float], None]] = []
+    screen = ReplayPage(page, pace, replay.take.duration, lambda at: seek[0](at))
+    player = Player(replay, screen, pace)
+    seek.append(player.seek)
+    playing = threading.Thread(target=player.play)
+    playing.start()
+    try:
+        tab, _ = open_page(browser, page.url)
+        tab.wait_for_selector("#kr-stage")
+        assert tab.locator("#kr-stage").inner_text() == "MOVE_TO_PICK"
+        thumb = tab.get_by_role("slider").first.bounding_box()
+        x, y = thumb["x"] + thumb["width"] / 2, thumb["y"] + thumb["height"] / 2
+        tab.mouse.move(x, y)
+        tab.mouse.down()
+        tab.mouse.move(x + 120, y)
+        tab.mouse.up()
+        tab.wait_for_function("() => document.querySelector('#kr-time').innerText > '1'")
+        assert player.time > 1.0
+        assert tab.locator("#kr-stage").inner_text() == replay.take.stage(player.time)
+        assert tab.get_by_role("button", name="Go on").count() == 1
+        picture(tab, "replay")
+        tab.close()
+    finally:
+        pace.end()
+        playing.join()
+        page.close()
 
 
 def test_ghosts_appear(browser, arm_page):

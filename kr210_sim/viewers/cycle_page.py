@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import math
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import mujoco
@@ -22,6 +23,9 @@ SPEEDS = {"0.1 x": 0.1, "0.25 x": 0.25, "0.5 x": 0.5, "1 x": 1.0, "2 x": 2.0, "5
 """Simulated over real time, to choose from."""
 
 FASTEST = "as fast as it goes"
+
+_TICK = 0.01
+"""Step of the time slider [s]."""
 
 _STATUS_PERIOD = 0.1  # [s], between two changes of the status
 
@@ -115,6 +119,39 @@ class LivePage(CyclePage):
         self._cycles.content = cycles_html(self._lines)
 
 
+class ReplayPage(CyclePage):
+    """A recorded cycle: play, time slider, speed and camera.
+
+    Args:
+        page: where it goes.
+        pace: what its buttons change.
+        duration: of the record [s].
+        seek: called with the time [s] that the slider is moved to.
+    """
+
+    def __init__(
+        self, page: Page, pace: Pace, duration: float, seek: Callable[[float], None]
+    ) -> None:
+        super().__init__(page)
+        add_pace(page, pace, step=True)
+        end = max(_TICK, _TICK * math.ceil(duration / _TICK))
+        self._time = page.server.gui.add_slider("time, s", 0.0, end, _TICK, 0.0, order=5)
+
+        def moved(event: Any) -> None:
+            if event.client_id is not None:  # by a visitor, not by `show`
+                seek(float(self._time.value))
+
+        self._time.on_update(moved)
+
+    def show(self, qpos: Array, moment: Moment) -> None:
+        """Show qpos (nq,), and its time on the slider."""
+        super().show(qpos, moment)
+        self._time.value = round(moment.time / _TICK) * _TICK
+
+    def tell(self, line: dict[str, Any]) -> None:
+        """Do nothing: a record has one cycle."""
+
+
 def add_pace(page: Page, pace: Pace, *, step: bool) -> None:
     """Add the controls of a pace to a page; `step` adds that of stages."""
     gui = page.server.gui
@@ -129,6 +166,7 @@ def add_pace(page: Page, pace: Pace, *, step: bool) -> None:
 
     button.on_click(toggle)
     pace.on_change = update
+    update()
     if step:
         gui.add_button("Step a stage", order=2).on_click(lambda _: pace.step_stage())
     names: Sequence[str] = [*SPEEDS, FASTEST]

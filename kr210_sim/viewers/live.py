@@ -72,7 +72,7 @@ class Watcher:
         self._model: mujoco.MjModel | None = None
         self._parked = np.empty(0)
         self._first = self._cycle = 0
-        self._shown = -np.inf
+        self._due = -np.inf
 
     def begin(self, scene: Scene, targets: Sequence[Target], first_cycle: int) -> None:
         """Show another episode.
@@ -89,16 +89,17 @@ class Watcher:
 
     def __call__(self, simulation: Simulation, stage: str, simulated: float) -> None:
         """Look at the simulation, and hold it back until it may go on; this is a `Probe`."""
-        now = time.monotonic()
-        if now - self._shown >= _FRAME:
-            self._shown = now
+        started = time.monotonic()
+        if started >= self._due:
             self._show(simulation, stage, simulated)
+            shown = time.monotonic()
+            self._due = shown + max(_FRAME, shown - started)  # at least half the time simulates
         self._pace.hold(stage, simulated, idle=self._screen.idle)
 
     def tell(self, line: dict[str, Any]) -> None:
         """Note a finished cycle, as `cycles.jsonl` has it."""
         self._cycle = int(line["cycle"]) + 1
-        self._shown = -np.inf
+        self._due = -np.inf
         self._screen.tell(line)
 
     def _show(self, simulation: Simulation, stage: str, simulated: float) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import subprocess
 import sys
+from collections.abc import Callable
 from typing import Any
 
 import mujoco
@@ -20,9 +21,11 @@ NO_DISPLAY = (
 )
 
 KEYS = "space: pause, right arrow: step a stage, + and -: speed"
+SEEK_KEYS = "[ and ]: half a second back and on"
 
 _SPACE, _RIGHT, _FASTER, _SLOWER = 32, 262, (61, 334), (45, 333)
-"""GLFW's codes of the keys, on the keypad, too."""
+_SEEK = {91: -0.5, 93: 0.5}
+"""GLFW's codes of the keys, on the keypad, too, and how far [s] those go that seek."""
 
 _FACTOR = 1.5
 """By which a key changes the speed."""
@@ -63,10 +66,12 @@ class NativeScreen:
 
     Args:
         pace: what its keys change; it ends when the window is closed.
+        seek: called with the time [s] that a key goes to, where that can be done.
     """
 
-    def __init__(self, pace: Pace) -> None:
-        self._pace = pace
+    def __init__(self, pace: Pace, seek: Callable[[float], None] | None = None) -> None:
+        self._pace, self._seek = pace, seek
+        self._time = 0.0
         self._window: Any = None
         self._model: mujoco.MjModel | None = None
         self._data: mujoco.MjData | None = None
@@ -89,7 +94,11 @@ class NativeScreen:
         self._model, self._data = model, mujoco.MjData(model)
         try:
             self._window = mujoco.viewer.launch_passive(
-                model, self._data, key_callback=self._pressed, show_left_ui=False
+                model,
+                self._data,
+                key_callback=self._pressed,
+                show_left_ui=False,
+                show_right_ui=False,
             )
         except RuntimeError as error:  # on macOS, outside of mjpython
             raise BadInput(f"--viewer native: {' '.join(str(error).split())}") from error
@@ -107,6 +116,7 @@ class NativeScreen:
             mujoco.mj_kinematics(self._model, self._data)
             mujoco.mj_comPos(self._model, self._data)
             mujoco.mj_camlight(self._model, self._data)
+        self._time = moment.time
         cycle = "" if moment.cycle is None else f"cycle {moment.cycle}\n"
         text = (
             f"{cycle}{moment.stage}\n{moment.time:.2f} s\n{self._pace.speed:.3g} x\n{moment.note}"
@@ -146,6 +156,8 @@ class NativeScreen:
             self._pace.set_speed(self._pace.speed * _FACTOR)
         elif key in _SLOWER:
             self._pace.set_speed(self._pace.speed / _FACTOR)
+        elif key in _SEEK and self._seek is not None:
+            self._seek(self._time + _SEEK[key])
 
 
 def _same(one: mujoco.MjModel, other: mujoco.MjModel) -> bool:

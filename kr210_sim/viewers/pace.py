@@ -6,6 +6,8 @@ import threading
 import time
 from collections.abc import Callable
 
+from kr210_sim.exceptions import BadInput
+
 MIN_SPEED, MAX_SPEED = 0.05, 20.0
 """Simulated over real time; above what the machine can simulate nothing waits."""
 
@@ -14,6 +16,16 @@ _LATE = 0.25
 
 _TICK = 1.0 / 30.0
 """Longest wait before whoever waits looks about again [s]."""
+
+
+def check_speed(option: str, speed: float) -> None:
+    """Refuse a speed that cannot be kept.
+
+    Raises:
+        BadInput: naming the option.
+    """
+    if not MIN_SPEED <= speed <= MAX_SPEED:
+        raise BadInput(f"{option}: {speed} is out of range; give {MIN_SPEED:g} to {MAX_SPEED:g}")
 
 
 class Pace:
@@ -45,6 +57,17 @@ class Pace:
     def speed(self) -> float:
         """Simulated over real time."""
         return self._speed
+
+    @property
+    def ended(self) -> bool:
+        """Whether nobody watches any more."""
+        return self._ended
+
+    def jump(self) -> None:
+        """Forget what was due when: simulated time makes a jump."""
+        with self._changed:
+            self._anchor = None
+            self._changed.notify_all()
 
     def set_speed(self, speed: float) -> None:
         """Change the speed; it is kept between MIN_SPEED and MAX_SPEED."""
