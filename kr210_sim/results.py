@@ -60,6 +60,28 @@ def read_lines(out: Path) -> Iterator[dict[str, Any]]:
             yield from map(json.loads, lines)
 
 
+def finished_cycles(out: Path, cycle: int | None = None) -> list[dict[str, Any]]:
+    """Return the cycles of a finished run, of which there is at least one.
+
+    Args:
+        out: folder of the run.
+        cycle: one that must be among them.
+
+    Raises:
+        BadInput: naming what is missing or damaged.
+    """
+    try:
+        lines = list(read_lines(out))
+        cycles = [int(line["cycle"]) for line in lines]
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        raise BadInput(f"{out}: {CYCLES} is damaged; run the cycles again") from error
+    if not cycles:
+        raise BadInput(f"{out} is no folder of a run; name one with a {CYCLES}")
+    if cycle is not None and cycle not in cycles:
+        raise BadInput(f"--cycle: {out} has no cycle {cycle}; give {cycles[0]} to {cycles[-1]}")
+    return lines
+
+
 def record_path(out: Path, cycle: int) -> Path:
     """Return the file of a cycle's record."""
     return out / RECORDS / f"{cycle:04d}.npz"

@@ -16,10 +16,9 @@ from kr210_sim import __version__
 from kr210_sim.config import RunConfig
 from kr210_sim.episode_files import score_episode, silence_mujoco
 from kr210_sim.episodes import load_world, plan_episode
-from kr210_sim.exceptions import BadInput
 from kr210_sim.options import read_options
 from kr210_sim.record import load_series, record_arrays
-from kr210_sim.results import CONFIG, CYCLES, read_lines, record_path
+from kr210_sim.results import CONFIG, CYCLES, finished_cycles, record_path
 from kr210_sim.score import CycleScore
 
 WATCH_NOTHING = {"viewer": None, "video": None, "resume": False, "jobs": 1, "backend": "processes"}
@@ -60,49 +59,20 @@ class Verdict:
         return "\n".join([what, *self.notes, *self.differences, verdict])
 
 
-def read_line(out: Path, cycle: int) -> dict[str, Any]:
-    """Return the line of a cycle.
-
-    Raises:
-        BadInput: if there is none.
-    """
-    first, last = None, None
-    for line in lines_of(out):
-        if line["cycle"] == cycle:
-            return line
-        first, last = line["cycle"] if first is None else first, line["cycle"]
-    raise BadInput(f"--cycle: {out} has no cycle {cycle}; give {first} to {last}")
-
-
-def lines_of(out: Path) -> list[dict[str, Any]]:
-    """Return the cycles of a run.
-
-    Raises:
-        BadInput: if it has none that can be read.
-    """
-    try:
-        lines = list(read_lines(out))
-        if lines and all(isinstance(line["cycle"], int) for line in lines):
-            return lines
-    except (OSError, ValueError, KeyError, TypeError) as error:
-        raise BadInput(f"{out / CYCLES}: cannot be read: {error}") from error
-    raise BadInput(f"{out}: is no run with finished cycles; {CYCLES} is missing or empty")
-
-
-def verify(out: Path, cycle: int) -> Verdict:
+def verify(out: Path, cycle: int | None) -> Verdict:
     """Simulate the episode of a cycle again, and compare its lines and records.
 
     Args:
         out: folder of the run.
-        cycle: index in the run.
+        cycle: index in the run; None for the first.
 
     Raises:
         BadInput: if the folder is no run, or what it was run with is not there any more.
     """
-    episode_index = int(read_line(out, cycle)["episode"])
-    recorded = {
-        int(line["cycle"]): line for line in lines_of(out) if line["episode"] == episode_index
-    }
+    lines = {int(line["cycle"]): line for line in finished_cycles(out, cycle)}
+    cycle = next(iter(lines)) if cycle is None else cycle
+    episode_index = int(lines[cycle]["episode"])
+    recorded = {index: line for index, line in lines.items() if line["episode"] == episode_index}
     options = read_options(out / CONFIG)
     config = replace(RunConfig(**options | WATCH_NOTHING), out=None)
     silence_mujoco()

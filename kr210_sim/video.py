@@ -20,7 +20,7 @@ from kr210_sim.film.drawing import draw
 from kr210_sim.film.format import Format, Moment, check_cameras
 from kr210_sim.film.take import read_duration
 from kr210_sim.film.worker import Job
-from kr210_sim.results import read_lines, record_path, world_path
+from kr210_sim.results import finished_cycles, read_lines, record_path, world_path
 
 BACKENDS = ("egl", "osmesa")
 """Off-screen OpenGL, in the order they are tried."""
@@ -111,14 +111,7 @@ def moments_of(out: Path, form: Format, cycle: int | None = None) -> list[Moment
     Raises:
         BadInput: if there is nothing to show.
     """
-    try:
-        cycles = [int(score["cycle"]) for score in read_lines(out)]
-    except (ValueError, KeyError, TypeError) as error:
-        raise BadInput(f"{out}: cycles.jsonl is damaged; run the cycles again") from error
-    if not cycles:
-        raise BadInput(f"{out} is no folder of a run; name one with a cycles.jsonl")
-    if cycle is not None and cycle not in cycles:
-        raise BadInput(f"--cycle: {out} has no cycle {cycle}; give {cycles[0]} to {cycles[-1]}")
+    cycles = [int(score["cycle"]) for score in finished_cycles(out, cycle)]
     kept = [number for number in cycles if record_path(out, number).exists()]
     chosen = kept if cycle is None else [number for number in kept if number == cycle]
     if not chosen:

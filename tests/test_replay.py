@@ -192,7 +192,7 @@ def test_a_missing_or_broken_world_is_named(copied):
 
 
 def test_a_folder_that_is_no_run_is_refused(capfd, tmp_path):
-    assert "no run" in refused(capfd, str(tmp_path))
+    assert "no folder of a run" in refused(capfd, str(tmp_path))
     (tmp_path / "cycles.jsonl").write_text("[1]\n")
     assert "cycles.jsonl" in refused(capfd, str(tmp_path), "--verify")
 

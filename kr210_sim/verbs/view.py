@@ -134,8 +134,8 @@ def _replay_native(out: Path, options: argparse.Namespace) -> int:
 
 
 def _verify(out: Path, cycle: int | None) -> int:
-    from kr210_sim.verify import lines_of, verify
+    from kr210_sim.verify import verify
 
-    verdict = verify(out, lines_of(out)[0]["cycle"] if cycle is None else cycle)
+    verdict = verify(out, cycle)
     print(verdict.text())
     return EXIT_PASSED if verdict.same else EXIT_GATE

@@ -14,9 +14,8 @@ from kr210_sim.arrays import Array
 from kr210_sim.exceptions import BadInput
 from kr210_sim.film.take import Take, read_take
 from kr210_sim.playback import place_joints
-from kr210_sim.results import record_path, world_path
+from kr210_sim.results import finished_cycles, record_path, world_path
 from kr210_sim.scene import ROBOT_PREFIX
-from kr210_sim.verify import lines_of, read_line
 from kr210_sim.viewers.live import Moment, Screen
 from kr210_sim.viewers.pace import Pace
 
@@ -69,12 +68,12 @@ def load_replay(out: Path, cycle: int | None) -> Replay:
     Raises:
         BadInput: if there is no such cycle, or it has no record.
     """
-    lines = lines_of(out)
+    lines = finished_cycles(out, cycle)
     kept = [line for line in lines if record_path(out, line["cycle"]).is_file()]
     if not kept:
         raise BadInput(f"{out}: has no record of any cycle; run with --record all")
-    score = kept[0] if cycle is None else read_line(out, cycle)
-    if score not in kept:
+    score = next((line for line in kept if cycle in (None, line["cycle"])), None)
+    if score is None:
         first = kept[0]["cycle"]
         raise BadInput(f"--cycle: cycle {cycle} has no record; the first that has one is {first}")
     before = [line for line in lines if line["cycle"] < score["cycle"]]
