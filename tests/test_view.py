@@ -14,6 +14,7 @@ import ik
 from kr210_sim.cli import main
 from kr210_sim.exceptions import BadInput
 from kr210_sim.scene import ROBOT_PREFIX
+from kr210_sim.source import RobotSource
 from kr210_sim.viewers.address import check_address, is_loopback
 from kr210_sim.viewers.arm_state import arm_state, nearest_solution
 from kr210_sim.viewers.ghosts import COLORS, css, place_ghosts
@@ -198,6 +199,30 @@ def test_ghosts_beyond_the_limits_can_be_left_out(robot, puppet):
     everything = place_ghosts(puppet, state)
     faint = everything.opacities[[everything.branches.tolist().index(i) for i in beyond]]
     assert faint.max() < shown.opacities.min()
+
+
+@pytest.mark.slow
+def test_the_gizmo_leads_the_arm_to_where_it_can_go():
+    pytest.importorskip("viser", reason="the extra 'view' is not installed")
+    from kr210_sim.viewers.arm_page import ArmPage
+    from kr210_sim.viewers.page import Page
+    from kr210_sim.viewers.subject import load_subject
+
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        port = probe.getsockname()[1]
+    page = Page("127.0.0.1", port, "test")
+    try:
+        arm = ArmPage(page, load_subject(None, RobotSource()))
+        T = ik.forward(arm.robot.geometry, Q)
+        arm.reach(T)
+        np.testing.assert_allclose(ik.forward(arm.robot.geometry, arm.q), T, atol=1e-9)
+        T[0, 3] += 9.0
+        before = arm.q
+        assert not arm.reach(T)
+        np.testing.assert_array_equal(arm.q, before)
+    finally:
+        page.close()
 
 
 # ---- numbers --------------------------------------------------------------------------------

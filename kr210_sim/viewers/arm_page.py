@@ -42,14 +42,15 @@ class ArmPage:
         self._puppet = Puppet(model, prefix=prefix, robot=robot)
         self._shadow = Puppet(model, prefix=prefix, robot=robot)  # stands for each ghost in turn
         self._lock = threading.RLock()
-        self._quiet = False
+        self._quiet = self._dragging = False
+        self._home = np.clip(np.zeros(6), robot.lower, robot.upper)
         self._fingers = robot.finger_open
         page.show(model)
         page.look(subject.first_view())
         self._add_frames()
         self._add_ghosts(model)
         self._add_controls()
-        self.move(np.zeros(6))
+        self.move(self._home)
 
     def move(self, q: Array) -> ArmState:
         """Put the arm into a configuration q (6,) [rad], and show what that means."""
@@ -65,6 +66,19 @@ class ArmPage:
             self.q = state.q
         return state
 
+    def reach(self, T_base_palm: Array) -> bool:
+        """Put the palm into a pose (4, 4) by the nearest configuration within limits, if any."""
+        with self._lock:
+            q = nearest_solution(self.robot, T_base_palm, self.q)
+            if q is None:
+                return False
+            self._dragging = True
+            try:
+                self._set(q)
+            finally:
+                self._dragging = False
+            return True
+
     def body_positions(self) -> Array:
         """Return where the bodies are drawn (nbody, 3), world frame [m]."""
         return np.array(self._positions)
@@ -73,19 +87,19 @@ class ArmPage:
 
     def _add_controls(self) -> None:
         gui, robot = self.page.server.gui, self.robot
-        self._sliders = []
+        self._sliders, home = [], np.degrees(self._home)
         with gui.add_folder("Joints, degrees"):
             for index, name in enumerate(robot.arm_joints):
                 lower, upper = np.degrees([robot.lower[index], robot.upper[index]])
-                slider = gui.add_slider(name, _out(lower), _out(upper), _STEP, 0.0)
+                slider = gui.add_slider(name, _out(lower), _out(upper), _STEP, _out(home[index]))
                 slider.on_update(self._slid)
                 self._sliders.append(slider)
             opening, closing = 1e3 * robot.finger_open, 1e3 * robot.finger_closed
             low, high = sorted((opening, closing))
             self._finger = gui.add_slider("fingers, mm", low, high, _FINGER_STEP, opening)
             self._finger.on_update(self._slid)
-            home = gui.add_button("Home")
-            home.on_click(lambda _: self._set(np.zeros(6)))
+            button = gui.add_button("Home")
+            button.on_click(lambda _: self._set(self._home))
         with gui.add_folder("Forward kinematics"):
             self._poses = gui.add_html("")
         with gui.add_folder("Inverse kinematics: the eight branches"):
@@ -180,25 +194,18 @@ class ArmPage:
         world = self._T_world_base
         placed = [*zip(self._dh, world @ state.T_base_dh, strict=True)]
         placed.append((self._tcp, world @ state.T_base_tcp))
-        if not self._quiet:
+        if not self._dragging:  # or a visitor's hand would be pulled back
             placed.append((self._gizmo, world @ state.T_base_palm))
         for node, T in placed:
             node.position, node.wxyz = T[:3, 3], quat_wxyz(T[:3, :3])
         self._wrist.position = world[:3, :3] @ state.p_base_wrist_center + world[:3, 3]
 
     def _dragged(self, _event: Any) -> None:
-        """Reach for the gizmo: the nearest configuration within limits, if there is one."""
-        with self._lock:
-            T_world_palm = np.eye(4)
-            T_world_palm[:3, 3] = self._gizmo.position
-            T_world_palm[:3, :3] = _rotation(self._gizmo.wxyz)
-            T_base_palm = np.linalg.inv(self._T_world_base) @ T_world_palm
-            q = nearest_solution(self.robot, T_base_palm, self.q)
-            if q is None:
-                self._answer.value = "no configuration within limits reaches the gizmo"
-            else:
-                self._answer.value = "reached"
-                self._set(q)
+        T_world_palm = np.eye(4)
+        T_world_palm[:3, 3] = self._gizmo.position
+        T_world_palm[:3, :3] = _rotation(self._gizmo.wxyz)
+        reached = self.reach(np.linalg.inv(self._T_world_base) @ T_world_palm)
+        self._answer.value = "reached" if reached else "no configuration within limits reaches it"
 
     # ---- ghosts -------------------------------------------------------------------------------
 
