@@ -164,6 +164,19 @@ def test_the_watcher_shows_the_simulated_pose_and_leaves_the_simulation_alone(sc
     assert shown.body("target_1").xpos[0] < -1.5  # of a later cycle: parked
 
 
+def test_what_remains_to_be_seen_while_time_stands_still_is_of_that_moment(scene):
+    target = standing_target(scene, 5)
+    simulation, screen, pace = Simulation(scene), FakeScreen(), Pace(MAX_SPEED)
+    watcher = Watcher(screen, pace)
+    watcher.begin(scene, [target], 0)
+    simulation.add(target)
+    watcher(simulation, "APPROACH", 1.0)
+    pace.step_stage()
+    screen.idle = pace.resume
+    watcher(simulation, "CLOSE_GRIPPER", 1.001)  # too soon for another picture
+    assert screen.moments[-1] == Moment(cycle=0, stage="CLOSE_GRIPPER", time=1.001, still=True)
+
+
 @pytest.mark.slow
 def test_a_watched_run_has_the_bits_of_one_that_is_not(default_run, tmp_path):
     screen = FakeScreen()

@@ -72,7 +72,7 @@ class CyclePage:
             self.page.follow(tcp - self._tcp)
         self._tcp = tcp
         now = time.monotonic()
-        if now - self._told >= _STATUS_PERIOD:
+        if moment.still or now - self._told >= _STATUS_PERIOD:
             self._told = now
             self._status.content = status_html(self._rows(moment))
 

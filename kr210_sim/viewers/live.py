@@ -29,12 +29,14 @@ class Moment:
         stage: of the sequencer.
         time: since the start of the cycle [s].
         note: one line, e.g. why a cycle failed.
+        still: whether time stands still, so that this is what remains to be seen.
     """
 
     cycle: int | None
     stage: str
     time: float
     note: str = ""
+    still: bool = False
 
 
 class Screen(Protocol):
@@ -71,7 +73,7 @@ class Watcher:
         self._screen, self._pace = screen, pace
         self._model: mujoco.MjModel | None = None
         self._parked = np.empty(0)
-        self._first = self._cycle = 0
+        self._cycle = 0
         self._due = -np.inf
 
     def begin(self, scene: Scene, targets: Sequence[Target], first_cycle: int) -> None:
@@ -84,17 +86,26 @@ class Watcher:
         """
         model = episode_world(scene, targets, []).compile()
         self._parked = parked(model, scene, targets)
-        self._model, self._first, self._cycle = model, first_cycle, first_cycle
+        self._model, self._cycle = model, first_cycle
         self._screen.load(model, ROBOT_PREFIX)
 
     def __call__(self, simulation: Simulation, stage: str, simulated: float) -> None:
         """Look at the simulation, and hold it back until it may go on; this is a `Probe`."""
         started = time.monotonic()
+        waiting = True  # to be seen, should time stand still here
+
+        def idle() -> None:
+            nonlocal waiting
+            if waiting and self._pace.paused:
+                waiting = False
+                self._show(simulation, stage, simulated)
+            self._screen.idle()
+
         if started >= self._due:
             self._show(simulation, stage, simulated)
             shown = time.monotonic()
             self._due = shown + max(_FRAME, shown - started)  # at least half the time simulates
-        self._pace.hold(stage, simulated, idle=self._screen.idle)
+        self._pace.hold(stage, simulated, idle=idle)
 
     def tell(self, line: dict[str, Any]) -> None:
         """Note a finished cycle, as `cycles.jsonl` has it."""
@@ -108,5 +119,5 @@ class Watcher:
         qpos = self._parked.copy()
         widths = [(name, len(values)) for name, values in positions.items()]
         place_joints(self._model, qpos, widths, np.concatenate(list(positions.values())))
-        moment = Moment(cycle=self._cycle, stage=stage, time=simulated)
+        moment = Moment(cycle=self._cycle, stage=stage, time=simulated, still=self._pace.paused)
         self._screen.show(qpos, moment)

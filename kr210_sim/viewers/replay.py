@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import threading
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import mujoco
@@ -150,4 +150,5 @@ class Player:
             if self._sought is not None:
                 self._time, self._sought = self._sought, None
             at = self._time
-        self._screen.show(self._replay.qpos(at), self._replay.moment(at))
+        moment = replace(self._replay.moment(at), still=self._pace.paused)
+        self._screen.show(self._replay.qpos(at), moment)
