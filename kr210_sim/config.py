@@ -133,6 +133,9 @@ class RunConfig:
     resume: bool = _option(
         False, "go on with the run in --out: finished episodes stay, with --cycles it grows"
     )
+    only_cycle: int | None = _option(
+        None, "play this cycle alone, after those before it in its episode: a failure again", "N"
+    )
     record: str = _option(
         "all", "cycles whose record and world are kept: all, failed or none", "WHICH"
     )
@@ -277,6 +280,19 @@ class RunConfig:
             raise BadInput("--record: a film is drawn from records; give all or failed")
         if self.resume and self.out is None:
             raise BadInput("--resume: which run? name its folder by --out DIR")
+        self._check_only_cycle()
+
+    def _check_only_cycle(self) -> None:
+        if self.only_cycle is None:
+            return
+        if not 0 <= self.only_cycle < self.cycles:
+            raise BadInput(
+                f"--only-cycle: {_short(self.only_cycle)} is no cycle of this run; give 0 to "
+                f"{self.cycles - 1}, or the run's --cycles"
+            )
+        for name in ("resume", "stop_early"):
+            if getattr(self, name):
+                raise BadInput(f"--only-cycle: leave --{name.replace('_', '-')} out")
 
     def _check_viewer(self) -> None:
         if self.viewer is None:

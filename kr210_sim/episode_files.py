@@ -13,7 +13,14 @@ from typing import Any, Protocol
 import mujoco
 
 from kr210_sim.config import RunConfig
-from kr210_sim.episodes import Episode, episode_targets, load_world, run_episode, solver_of
+from kr210_sim.episodes import (
+    Episode,
+    episode_targets,
+    last_cycle,
+    load_world,
+    run_episode,
+    solver_of,
+)
 from kr210_sim.interrupts import no_interrupt
 from kr210_sim.limits import MotionLimits
 from kr210_sim.mjcf_files import save_model
@@ -74,7 +81,7 @@ def lost_lines(config: RunConfig, scene: Scene, loss: Loss[Episode]) -> list[Lin
             record.drawn = variation.drawn
             record.events.append(event)
             lines.append(score_cycle(record, time_limit=scene.time_limit).as_json())
-    return lines
+    return lines[: last_cycle(config, episode) - episode.first_cycle + 1]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -173,10 +180,13 @@ def play_episode(
                 if config.record == "all" or (config.record == "failed" and not score.success):
                     _save_record(record, record_path(out, record.cycle))
                     kept.append(replace(record, series={}))
-                if record.cycle == episode.first_cycle + len(episode.seeds) - 1:
+                last = record.cycle == last_cycle(config, episode)
+                if last:
                     write_world()
                     written = True
                 yield score.as_json()
+                if last:
+                    return
     finally:
         if not written:
             write_world()

@@ -114,8 +114,27 @@ def episode_size(config: RunConfig, scene: Scene) -> int:
 
 def plan_episodes(config: RunConfig, scene: Scene) -> Iterator[Episode]:
     """Share the cycles of a run out to episodes, one at a time."""
-    count = math.ceil(config.cycles / episode_size(config, scene))
-    return (plan_episode(config, scene, index) for index in range(count))
+    size = episode_size(config, scene)
+    wanted = range(math.ceil(config.cycles / size))
+    if config.only_cycle is not None:
+        wanted = wanted[config.only_cycle // size :][:1]
+    return (plan_episode(config, scene, index) for index in wanted)
+
+
+def requested_cycles(config: RunConfig, scene: Scene) -> int:
+    """Return the number of cycles that a run plays."""
+    if config.only_cycle is None:
+        return config.cycles
+    return config.only_cycle % episode_size(config, scene) + 1
+
+
+def last_cycle(config: RunConfig, episode: Episode) -> int:
+    """Return the index in the run of the last cycle of an episode that is played."""
+    return (
+        episode.first_cycle + len(episode.seeds) - 1
+        if (only := config.only_cycle) is None
+        else only
+    )
 
 
 def plan_episode(config: RunConfig, scene: Scene, index: int) -> Episode:

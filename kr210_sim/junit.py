@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import Any
 from xml.sax.saxutils import XMLGenerator
@@ -14,7 +14,12 @@ _FORBIDDEN = re.compile(r"[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]
 
 
 def write_junit(
-    path: Path, lines: Iterable[Mapping[str, Any]], summary: Mapping[str, Any], *, name: str
+    path: Path,
+    lines: Iterable[Mapping[str, Any]],
+    summary: Mapping[str, Any],
+    *,
+    name: str,
+    command: Callable[[int], str],
 ) -> None:
     """Write a test suite with a case per cycle; a failed cycle has its reason, stage and time.
 
@@ -23,6 +28,7 @@ def write_junit(
         lines: cycles as `cycles.jsonl` has them, read once and not kept.
         summary: of the same cycles.
         name: of the suite.
+        command: what shows a cycle again, by its index.
     """
     with path.open("w", encoding="utf-8") as file:
         xml = XMLGenerator(file, "utf-8", short_empty_elements=True)
@@ -38,7 +44,7 @@ def write_junit(
         xml.startElement("testsuite", AttributesImpl(counts))
         for line in lines:
             xml.characters("\n")
-            _case(xml, line)
+            _case(xml, line, command)
         xml.characters("\n")
         xml.endElement("testsuite")
         xml.endElement("testsuites")
@@ -46,7 +52,7 @@ def write_junit(
         file.write("\n")
 
 
-def _case(xml: XMLGenerator, line: Mapping[str, Any]) -> None:
+def _case(xml: XMLGenerator, line: Mapping[str, Any], command: Callable[[int], str]) -> None:
     seconds = line["wall_clock"].get("wall_time_s") or 0.0
     attributes = {
         "classname": f"episode_{line['episode']:04d}",
@@ -61,7 +67,8 @@ def _case(xml: XMLGenerator, line: Mapping[str, Any]) -> None:
         xml.characters(
             _clean(
                 f"{line['reason']}: {where}: {line['detail']} "
-                f"(seed {line['seed']}, cell {line['cell']})"
+                f"(seed {line['seed']}, cell {line['cell']})\n"
+                f"show it again: {command(line['cycle'])}"
             )
         )
         xml.endElement("failure")

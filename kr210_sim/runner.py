@@ -27,7 +27,14 @@ from kr210_sim.episode_files import (
     play_episode,
     silence_mujoco,
 )
-from kr210_sim.episodes import Episode, check_solver, episode_size, load_world, plan_episodes
+from kr210_sim.episodes import (
+    Episode,
+    check_solver,
+    episode_size,
+    load_world,
+    plan_episodes,
+    requested_cycles,
+)
 from kr210_sim.exceptions import Interrupted, NotWritten
 from kr210_sim.interrupts import no_interrupt
 from kr210_sim.limits import MotionLimits
@@ -80,19 +87,21 @@ def run(
     silence_mujoco()
     scene = load_world(config)
     check_solver(config, scene.robot)
+    requested = requested_cycles(config, scene)
     out, journal = _open(config, scene)
     campaign = _Campaign(config, scene, out, journal, on_cycle, onlooker)
 
     def finish() -> dict[str, Any]:
         summary = summarize(
             read_lines(out),
-            config=config,
+            config=absolute(config),
             limits=MotionLimits.from_velocity(scene.robot.velocity, config.speed),
             notes=scene.notes,
             wall_time_s=time.perf_counter() - started,
             simulated_s=campaign.simulated_s,
             lost_workers=campaign.lost,
             stopped_early=campaign.stopped,
+            requested=requested,
         )
         write_json(out / SUMMARY, summary)
         return summary
@@ -105,14 +114,16 @@ def run(
             journal.close()
         with no_interrupt(), suppress(OSError):
             finish()
-        _explain(error, config, out)
+        _explain(error, config, requested, out)
         raise
 
 
-def _explain(error: BaseException, config: RunConfig, out: Path) -> None:
+def _explain(error: BaseException, config: RunConfig, requested: int, out: Path) -> None:
     """Raise an error of ours that says what is kept, where the user can go on from there."""
     count = sum(1 for _ in read_lines(out))
-    kept = f"{count} of {config.cycles} cycles are kept in {out}; --out {out} --resume goes on"
+    kept = f"{count} of {requested} cycles are kept in {out}"
+    if config.only_cycle is None:
+        kept += f"; --out {out} --resume goes on"
     if isinstance(error, KeyboardInterrupt):
         raise Interrupted(f"interrupted; {kept}") from error
     if isinstance(error, OSError) and not isinstance(error, BrokenPipeError):
@@ -123,13 +134,12 @@ def _explain(error: BaseException, config: RunConfig, out: Path) -> None:
 def _open(config: RunConfig, scene: Scene) -> tuple[Path, Journal]:
     """Return the folder of the run, with its configuration, and what is finished in it."""
     provenance = _provenance(config, scene)
-    out = config.out
+    out, size = config.out, episode_size(config, scene)
     if not config.resume or out is None or not out.is_dir() or is_unused(out):
         out = new_folder(config)
         write_json(out / CONFIG, provenance)
-        return out, Journal(out)
+        return out, Journal(out, first=(config.only_cycle or 0) // size)
     check_same(out, provenance)
-    size = episode_size(config, scene)
     journal = take_up(out, config.cycles, lambda index: min(size, config.cycles - index * size))
     (out / SUMMARY).unlink(missing_ok=True)  # it is not true any more
     write_json(out / CONFIG, provenance)
@@ -143,7 +153,7 @@ def _provenance(config: RunConfig, scene: Scene) -> dict[str, Any]:
     mujoco.mj_saveModel(model, None, content)
     return {
         "schema_version": 1,
-        "options": _absolute(config).as_json(),
+        "options": absolute(config).as_json(),
         "randomization": None if (block := config.randomization()) is None else block.as_json(),
         "scene_cells": len(scene.cells),
         "world_sha256": hashlib.sha256(content.tobytes()).hexdigest(),
@@ -154,7 +164,7 @@ def _provenance(config: RunConfig, scene: Scene) -> dict[str, Any]:
     }
 
 
-def _absolute(config: RunConfig) -> RunConfig:
+def absolute(config: RunConfig) -> RunConfig:
     """Return the configuration with its files named so that it holds in any working folder."""
     own_block = config.randomize is not None and config.randomize not in PRESETS
     folders = (text.partition("=") for text in config.package)
@@ -256,7 +266,7 @@ class _Campaign:
                 self._journal.add(episode.index, lines)
 
     def _play_by_workers(self) -> None:
-        task = partial(play_elsewhere, _absolute(self._config), self._out.absolute())
+        task = partial(play_elsewhere, absolute(self._config), self._out.absolute())
         if self._config.backend == "dask":
             results = share_out_by_dask(task, self._left(), jobs=self._config.jobs)
         else:

@@ -9,6 +9,7 @@ from typing import Any
 
 from kr210_sim.config import RunConfig
 from kr210_sim.criteria import CLEARANCE_CAP
+from kr210_sim.failures import FirstCauses, causes_text
 from kr210_sim.limits import MotionLimits
 from kr210_sim.proof import UNDECIDED, Watch
 from kr210_sim.stats import Pool, spread, success_interval
@@ -28,6 +29,7 @@ def summarize(
     simulated_s: float,
     lost_workers: Sequence[Mapping[str, Any]] = (),
     stopped_early: bool = False,
+    requested: int | None = None,
 ) -> dict[str, Any]:
     """Return `summary.json`.
 
@@ -40,19 +42,20 @@ def summarize(
         simulated_s: of this session [s].
         lost_workers: episode, attempt and cause of every worker that was lost.
         stopped_early: whether no more cycles are needed.
+        requested: cycles that were asked for; None for those of the options.
     """
-    gates = config.gates()
-    tally = _Tally(lines, gates.watch())
+    gates, requested = config.gates(), requested or config.cycles
+    tally = _Tally(lines, gates.watch(), FirstCauses(config))
     cycles, succeeded = tally.cycles, tally.succeeded
-    complete = stopped_early or cycles == config.cycles
+    complete = stopped_early or cycles == requested
     spreads = tally.spreads()
     judged = gates.judge(succeeded, cycles, tally.watch, spreads)
     missed = [name for name, gate in judged.items() if not gate["met"]]
     return {
         "schema_version": 1,
         "complete": complete,
-        "stopped_early": stopped_early and cycles < config.cycles,
-        "requested_cycles": config.cycles,
+        "stopped_early": stopped_early and cycles < requested,
+        "requested_cycles": requested,
         "cycles": cycles,
         "succeeded": succeeded,
         "success_rate": judged["min_success"]["value"],
@@ -70,6 +73,7 @@ def summarize(
         "wall_time_s": wall_time_s,
         "realtime_factor": simulated_s / wall_time_s if wall_time_s > 0 else None,
         "failures": dict(sorted(tally.reasons.items(), key=lambda item: (-item[1], item[0]))),
+        "first_causes": tally.causes.as_json(),
         "lost_workers": [dict(loss) for loss in lost_workers],
         "limits": _limits(limits),
         "notes": list(notes),
@@ -93,8 +97,10 @@ _OF_CLOCK = {"ik_time_s": _TIMES, "plan_time_s": _TIMES}
 class _Tally:
     """What a summary needs of all cycles: counts, pooled points, and a few numbers a cycle."""
 
-    def __init__(self, lines: Iterable[Mapping[str, Any]], watch: Watch | None) -> None:
-        self.watch = watch
+    def __init__(
+        self, lines: Iterable[Mapping[str, Any]], watch: Watch | None, causes: FirstCauses
+    ) -> None:
+        self.watch, self.causes = watch, causes
         self.cycles = self.succeeded = 0
         self.sampled_motions = 0
         self.slowed = 0
@@ -108,6 +114,7 @@ class _Tally:
     def _add(self, line: Mapping[str, Any]) -> None:
         self.cycles += 1
         self.succeeded += line["success"]
+        self.causes.add(line)
         if self.watch is not None:
             self.watch.see(line["success"])
         self.sampled_motions += len(line["sampled_motions"])
@@ -210,7 +217,7 @@ def summary_text(summary: dict[str, Any]) -> str:
         )
     if summary["failures"]:
         counted = ", ".join(f"{reason} {count}" for reason, count in summary["failures"].items())
-        lines.append(f"failures       {counted}")
+        lines += [f"failures       {counted}", *causes_text(summary["first_causes"])]
     for loss in summary["lost_workers"]:
         lines.append(
             f"lost worker    episode {loss['episode']}, attempt {loss['attempt']}: {loss['cause']}"

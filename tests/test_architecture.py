@@ -21,10 +21,9 @@ PRINTING = ("cli", "video", "verbs.")
 """Modules that print."""
 
 WITHOUT_MUJOCO = (
-    "arrays", "compare", "config", "criteria", "exceptions", "gates", "legs", "path", "planning",
-    "proof", "randomize",
-    "record", "resources", "sampling", "score", "stats", "success_map", "summary", "task",
-    "tcp_limits", "time_law", "tracks", "trajectory",
+    "arrays", "compare", "config", "criteria", "exceptions", "failures", "gates", "legs", "path",
+    "planning", "proof", "randomize", "record", "resources", "sampling", "score", "stats",
+    "success_map", "summary", "task", "tcp_limits", "time_law", "tracks", "trajectory",
 )  # fmt: skip
 
 

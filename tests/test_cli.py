@@ -41,7 +41,7 @@ BAD = [
     ("--max-ik-offset", "0"), ("--max-ik-offset", "nan"), ("--max-ik-offset", "-1"),
     ("--max-cycle-time", "0"), ("--max-cycle-time", "inf"), ("--max-cycle-time", "soon"),
     ("--confidence", "0.5"), ("--confidence", "1"), ("--confidence", "nan"), ("--confidence", "x"),
-    ("--indifference", "0.1"),
+    ("--indifference", "0.1"), ("--only-cycle", "10"), ("--only-cycle", "-1"),
     ("--cell", "12"), ("--cell", "0"), ("--cell", "-1"), ("--cell", "1.5"), ("--cell", "middle"),
     ("--cell", "9" * 5000), ("--cell", "\u0665"),
     ("--robot", "nothing.xacro"), ("--robot", "."), ("--robot", ""),
@@ -233,7 +233,7 @@ def test_the_help_of_run_names_every_option_with_its_default(capsys):
     for option in (
         "--cycles", "--seed", "--scene", "--robot", "--cell", "--mass", "--speed",
         "--clearance", "--ik", "--min-success", "--confidence", "--stop-early",
-        "--indifference", "--out", "--json", "--video", "--list-scenes",
+        "--indifference", "--only-cycle", "--out", "--json", "--video", "--list-scenes",
     ):  # fmt: skip
         assert option in text
     assert "(default: 10)" in text

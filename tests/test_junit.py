@@ -20,7 +20,7 @@ def line(cycle: int, reason: str | None = None, detail: str | None = None) -> di
 def suite_of(path, lines) -> ET.Element:
     failed = sum(not line["success"] for line in lines)
     summary = {"cycles": len(lines), "succeeded": len(lines) - failed, "wall_time_s": 9.0}
-    write_junit(path, iter(lines), summary, name="seed 0")
+    write_junit(path, iter(lines), summary, name="seed 0", command="kr210-sim <{}>".format)
     return ET.parse(path).getroot().find("testsuite")
 
 
@@ -37,6 +37,7 @@ def test_there_is_a_case_per_cycle_and_failures_tell_their_cause(tmp_path):
     assert "LIFT at 1.250 s" in failure.text
     assert "target_1 slipped" in failure.text
     assert "seed 77" in failure.text
+    assert failure.text.endswith("show it again: kr210-sim <1>")
 
 
 @pytest.mark.parametrize("detail", ['<a href="x">&\'', "a\x00b\x1b", "]]>", "\u0416 \U0001f916"])

@@ -6,11 +6,13 @@ import argparse
 import json
 import sys
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 from kr210_sim.config import RunConfig
 from kr210_sim.exceptions import BadInput
+from kr210_sim.failures import show_again
 from kr210_sim.film.format import FILM, check_cameras
 from kr210_sim.interrupts import one_interrupt
 from kr210_sim.junit import write_junit
@@ -58,11 +60,12 @@ def _run(options: argparse.Namespace) -> int:
     film = _film(config)
     _check_junit(config)
     from kr210_sim.results import read_lines
-    from kr210_sim.runner import run
+    from kr210_sim.runner import absolute, run
     from kr210_sim.summary import HEADER, cycle_line, exit_text, summary_text
 
     text = sys.stderr if config.json else sys.stdout
-    bar = ProgressBar(config.cycles, sys.stderr)
+    only = config.only_cycle
+    bar = ProgressBar(config.cycles if only is None else only + 1, sys.stderr)
     header = [HEADER]
 
     def report(line: dict[str, Any]) -> None:
@@ -81,7 +84,9 @@ def _run(options: argparse.Namespace) -> int:
             finally:
                 bar.clear()
         if config.junit is not None:
-            write_junit(config.junit, read_lines(out), summary, name=f"seed {config.seed}")
+            command = partial(show_again, absolute(config))
+            name = f"seed {config.seed}"
+            write_junit(config.junit, read_lines(out), summary, name=name, command=command)
         print(f"\n{summary_text(summary)}", file=text)
         print(f"results        {out}", file=text, flush=True)
         if config.json:
