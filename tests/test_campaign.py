@@ -51,7 +51,7 @@ def without_clock(summary: dict) -> dict:
 # ---- with cycles that cost nothing ----------------------------------------------------------
 
 
-def quick_episode(config, scene, episode, _out):
+def quick_episode(config, scene, episode, _out, _onlooker=None):
     """Stand in for `play_episode`: cycles that follow from their seed alone, without a world."""
     for index, (target, _) in enumerate(episode_targets(scene, episode, config.mass)):
         identity = {"cycle": episode.first_cycle + index, "episode": episode.index}
@@ -187,7 +187,7 @@ def test_files_are_named_so_that_the_configuration_holds_anywhere(quick, monkeyp
 def test_on_a_full_disk_what_is_finished_is_kept_and_said(quick, monkeypatch, tmp_path, full):
     """The disk is full from the third episode on, for one file or another."""
 
-    def episode_on_full_disk(config, scene, episode, out):
+    def episode_on_full_disk(config, scene, episode, out, _onlooker=None):
         if episode.index == 2 and full == "episodes":
             raise OSError(errno.ENOSPC, "No space left on device", str(out / "episodes" / "0002"))
         yield from quick_episode(config, scene, episode, out)

@@ -45,7 +45,7 @@ def line_of(episode, index: int) -> dict:
     }  # fmt: skip
 
 
-def play_here(_config, _scene, episode, out):
+def play_here(_config, _scene, episode, out, _onlooker=None):
     """Stand in for `play_episode`, files included."""
     for index in range(len(episode.seeds)):
         record_path(out, episode.first_cycle + index).touch()
