@@ -15,7 +15,8 @@ SHOWN = 12
 CYCLES_NAMED = 5
 """Cycles that a group names."""
 
-_NUMBER = re.compile(r"\d+(\.\d+)?(e[-+]?\d+)?")
+_NUMBER = re.compile(r"(?<=target_)\d+|(?<![\w.])\d+(\.\d+)?(e[-+]?\d+)?")
+"""What differs between failures of one cause: values and targets, but neither joints nor links."""
 
 _LEFT_OUT = (FREE - {"cycles"}) | {"record", "only_cycle"}
 """Options that do not change what happens in a cycle."""
@@ -44,7 +45,7 @@ def show_again(config: RunConfig, cycle: int) -> str:
 
 
 class FirstCauses:
-    """The failed cycles of a run in groups: same reason and stage, same detail numbers apart."""
+    """The failed cycles of a run in groups: same reason, stage and detail, `_NUMBER` apart."""
 
     def __init__(self, config: RunConfig) -> None:
         self._config = config
@@ -57,9 +58,8 @@ class FirstCauses:
         reason, stage, detail = line["reason"], line["failed_stage"], line["detail"]
         key = (reason, stage, _NUMBER.sub("#", detail))
         time = line["failed_time_s"]
-        group = self._groups.setdefault(
-            key,
-            {
+        if key not in self._groups:
+            self._groups[key] = {
                 "reason": reason,
                 "count": 0,
                 "stage": stage,
@@ -67,8 +67,8 @@ class FirstCauses:
                 "detail": detail,
                 "cycles": [],
                 "command": show_again(self._config, line["cycle"]),
-            },
-        )
+            }
+        group = self._groups[key]
         group["count"] += 1
         group["time_s"] = [min(group["time_s"][0], time), max(group["time_s"][1], time)]
         if len(group["cycles"]) < CYCLES_NAMED:

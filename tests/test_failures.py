@@ -55,6 +55,15 @@ def test_failures_of_one_kind_are_one_group_and_the_largest_comes_first():
     }  # fmt: skip
 
 
+def test_joints_are_causes_of_their_own_and_targets_are_not():
+    details = ("joint_3: motor saturated", "joint_5: motor saturated", "target_1 hit 2.5e-3 m deep")
+    groups = groups_of(
+        *(line(cycle, "collision", detail=detail) for cycle, detail in enumerate(details)),
+        line(7, "collision", detail="target_12 hit 3 m deep"),
+    )
+    assert [group["cycles"] for group in groups] == [[2, 7], [0], [1]]
+
+
 def test_the_groups_stay_small_over_many_cycles():
     groups = groups_of(*(line(cycle, "dropped", detail=f"{cycle} mm") for cycle in range(5000)))
     assert [group["count"] for group in groups] == [5000]
