@@ -19,8 +19,14 @@ from kr210_sim.scene import ROBOT_PREFIX
 from kr210_sim.verify import verify
 from kr210_sim.viewers.pace import MAX_SPEED, Pace
 from kr210_sim.viewers.puppet import Puppet
-from kr210_sim.viewers.replay import Player, load_replay
+from kr210_sim.viewers.replay import Player, Replay, load_replay
 from tests.test_live import FakeScreen
+
+
+@pytest.fixture(scope="module")
+def first(default_run) -> Replay:
+    """The first cycle of the default run; it is only read."""
+    return load_replay(default_run.out, None)
 
 
 @pytest.fixture
@@ -58,30 +64,29 @@ def test_a_replay_poses_the_world_as_it_was_recorded(default_run, robot):
     assert replay.moment(0.1).note == ""
 
 
-def test_targets_that_are_not_in_the_world_are_parked(default_run):
-    replay = load_replay(default_run.out, 0)
-    positions, _ = Puppet(replay.model).place(replay.qpos(1.0))
-    assert positions[replay.model.body("target_9").id][0] < -1.5
-    assert positions[replay.model.body("target_0").id][0] > 2.0
+def test_targets_that_are_not_in_the_world_are_parked(first):
+    positions, _ = Puppet(first.model).place(first.qpos(1.0))
+    assert positions[first.model.body("target_9").id][0] < -1.5
+    assert positions[first.model.body("target_0").id][0] > 2.0
 
 
-def test_without_a_number_the_first_recorded_cycle_is_played(default_run):
-    assert load_replay(default_run.out, None).take.cycle == 0
+def test_without_a_number_the_first_recorded_cycle_is_played(first):
+    assert first.take.cycle == 0
 
 
-def test_the_player_shows_what_is_sought_and_goes_on_from_there(default_run):
-    replay, screen, pace = load_replay(default_run.out, 0), FakeScreen(), Pace(MAX_SPEED)
-    player = Player(replay, screen, pace)
+def test_the_player_shows_what_is_sought_and_goes_on_from_there(first):
+    screen, pace = FakeScreen(), Pace(MAX_SPEED)
+    player = Player(first, screen, pace)
     player.seek(2.0)
     player.play(pictures=2)
     times = [moment.time for moment in screen.moments]
     assert times[0] == 2.0
-    assert 2.0 < times[1] <= replay.take.duration
-    np.testing.assert_array_equal(screen.poses[0], replay.qpos(2.0))
+    assert 2.0 < times[1] <= first.take.duration
+    np.testing.assert_array_equal(screen.poses[0], first.qpos(2.0))
 
 
-def test_the_player_stands_still_at_the_end_and_begins_anew(default_run):
-    replay, screen, pace = load_replay(default_run.out, 0), FakeScreen(), Pace(MAX_SPEED)
+def test_the_player_stands_still_at_the_end_and_begins_anew(first):
+    screen, pace = FakeScreen(), Pace(MAX_SPEED)
     stood = []
 
     def idle() -> None:
@@ -89,18 +94,18 @@ def test_the_player_stands_still_at_the_end_and_begins_anew(default_run):
         pace.resume()
 
     screen.idle = idle
-    player = Player(replay, screen, pace)
+    player = Player(first, screen, pace)
     player.seek(1e9)
     player.play(pictures=2)
-    assert [moment.time for moment in screen.moments] == [replay.take.duration, 0.0]
+    assert [moment.time for moment in screen.moments] == [first.take.duration, 0.0]
     assert stood[0]
 
 
-def test_seeking_while_paused_shows_that_time_and_stays_there(default_run):
-    replay, screen, pace = load_replay(default_run.out, 0), FakeScreen(), Pace(1.0)
+def test_seeking_while_paused_shows_that_time_and_stays_there(first):
+    screen, pace = FakeScreen(), Pace(1.0)
     acts: list[Callable[[], None]] = [lambda: player.seek(3.0), lambda: None, pace.resume]
     screen.idle = lambda: acts.pop(0)() if acts else None
-    player = Player(replay, screen, pace)
+    player = Player(first, screen, pace)
     pace.pause()
     player.play(pictures=2)
     assert [moment.time for moment in screen.moments] == [0.0, 3.0, 3.0]

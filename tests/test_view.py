@@ -20,7 +20,7 @@ from kr210_sim.viewers.arm_state import arm_state, nearest_solution
 from kr210_sim.viewers.ghosts import COLORS, css, place_ghosts
 from kr210_sim.viewers.puppet import Puppet
 from kr210_sim.viewers.tables import branches_html, state_html, status_html
-from kr210_sim.viewers.visuals import plain_bodies, visible_floors, visible_parts
+from kr210_sim.viewers.visuals import Part, plain_bodies, visible_floors, visible_parts
 
 Q = np.array([0.4, 0.3, -0.6, 0.9, 0.8, -0.5])
 
@@ -50,6 +50,11 @@ SHAPES = """
 @pytest.fixture(scope="module")
 def shapes() -> mujoco.MjModel:
     return mujoco.MjModel.from_xml_string(SHAPES)
+
+
+@pytest.fixture(scope="module")
+def parts(robot_model) -> list[Part]:
+    return visible_parts(robot_model)
 
 
 @pytest.fixture
@@ -85,12 +90,10 @@ def test_a_plane_is_a_floor_in_the_mean_color_of_its_texture(shapes):
     np.testing.assert_allclose(floor.rgba, [0.2, 0.4, 0.6, 1.0], atol=0.005)
 
 
-def test_meshes_of_the_robot_lie_where_mujoco_has_them(robot_model):
+def test_meshes_of_the_robot_lie_where_mujoco_has_them(robot_model, parts):
     shape = robot_model.geom("link_4_visual_0")  # the only one of its colour on its body
     color = tuple(robot_model.mat_rgba[shape.matid[0]].tolist())
-    (part,) = [
-        p for p in visible_parts(robot_model) if (p.body, p.rgba) == (shape.bodyid[0], color)
-    ]
+    (part,) = [p for p in parts if (p.body, p.rgba) == (shape.bodyid[0], color)]
     rotation = np.empty(9)
     mujoco.mju_quat2Mat(rotation, shape.quat)
     local = (part.vertices - shape.pos) @ rotation.reshape(3, 3)
@@ -99,8 +102,7 @@ def test_meshes_of_the_robot_lie_where_mujoco_has_them(robot_model):
     np.testing.assert_allclose(local.max(axis=0), center + half, atol=1e-6)
 
 
-def test_merged_bodies_have_every_face(robot_model):
-    parts = visible_parts(robot_model)
+def test_merged_bodies_have_every_face(parts):
     merged = plain_bodies(parts)
     assert sum(len(part.faces) for part in merged) == sum(len(part.faces) for part in parts)
     assert sum(map(volume, merged)) == pytest.approx(sum(map(volume, parts)))

@@ -158,7 +158,10 @@ def test_a_recorded_cycle_is_played_and_its_slider_seeks(browser, default_run):
         tab.mouse.up()
         tab.wait_for_function("() => document.querySelector('#kr-time').innerText > '1'")
         assert player.time > 1.0
-        assert tab.locator("#kr-stage").inner_text() == replay.take.stage(player.time)
+        tab.wait_for_function(
+            "stage => document.querySelector('#kr-stage').innerText === stage",
+            arg=replay.take.stage(player.time),
+        )
         assert tab.get_by_role("button", name="Go on").count() == 1
         picture(tab, "replay")
         tab.close()
