@@ -11,7 +11,7 @@ import numpy as np
 from kr210_sim.arrays import Array
 from kr210_sim.exceptions import CycleFailure
 from kr210_sim.grading.findings import Finding, Refused
-from kr210_sim.grading.process import Answer, SolverProcess
+from kr210_sim.grading.process import KEPT_OUTPUT, Answer, SolverProcess
 from kr210_sim.grading.source import SolverLimits, SolverSource
 from kr210_sim.robot import Robot
 
@@ -41,6 +41,10 @@ class Asked:
 class ForeignSolver:
     """A `tracks.Solver` whose code runs elsewhere.
 
+    Attributes:
+        seconds_left: of the time limit [s].
+        output: the beginning of what it printed, `output_bytes` how much it was.
+
     Args:
         source: the file or module.
         robot: its joints, and its frames.
@@ -67,7 +71,8 @@ class ForeignSolver:
         self._on_asked = on_asked
         self._process: SolverProcess | None = None
         self._refused: Finding | None = None
-        self._seconds_left = self._limits.time_limit
+        self.seconds_left = self._limits.time_limit
+        self.output, self.output_bytes = b"", 0
         self._starts = 0
 
     def __call__(self, T_base_palm: Array, q_start: Array) -> Array:
@@ -102,7 +107,7 @@ class ForeignSolver:
             self._starts += 1
             try:
                 self._process = SolverProcess(
-                    self.source, self._limits, joints=self._joints, time_limit=self._seconds_left
+                    self.source, self._limits, joints=self._joints, time_limit=self.seconds_left
                 )
             except Refused as refused:
                 self._refused = refused.finding
@@ -116,17 +121,25 @@ class ForeignSolver:
         except Refused as refused:
             return Answer(q=np.empty((0, 6)), seconds=np.empty(0), finding=refused.finding)
         answer = process.ask(T_base_palm @ self._T_palm_asked, q_start)
-        self._seconds_left = process.seconds_left
+        self.seconds_left = process.seconds_left
+        self._take_output(process)
         if not process.alive:
             self.close()
-            if self._seconds_left <= 0.0 or self._starts >= MAX_STARTS:
-                why = "no time is left" if self._seconds_left <= 0.0 else "it was lost too often"
+            if self.seconds_left <= 0.0 or self._starts >= MAX_STARTS:
+                why = "no time is left" if self.seconds_left <= 0.0 else "it was lost too often"
                 self._refused = Finding(kind="not_tried", detail=f"not asked any more: {why}")
         return answer
 
     def close(self) -> None:
         """End its process."""
         if self._process is not None:
+            self._take_output(self._process)
             with contextlib.suppress(OSError):
                 self._process.close()
             self._process = None
+
+    def _take_output(self, process: SolverProcess) -> None:
+        room = max(0, KEPT_OUTPUT - len(self.output))
+        self.output += process.output[:room]
+        self.output_bytes += process.output_bytes
+        process.output, process.output_bytes = b"", 0

@@ -26,10 +26,13 @@ from kr210_sim.arrays import Array
 from kr210_sim.grading.findings import Finding, Refused
 from kr210_sim.grading.source import SolverLimits, SolverSource
 
+KEPT_OUTPUT = 1 << 14
+"""Bytes of what a solver prints that are kept; the rest is counted."""
+
 _PROGRAM = "from kr210_sim.grading.child import main; main()"
 _LONGEST_LINE = 1 << 20
 _CHUNK = 1 << 16
-_KEPT_OUTPUT = 1 << 14
+
 _LOOK = 0.5  # the scratch folder is measured this often [s]
 _LOAD_POSES = 10  # loading may take as long as this many poses
 _TRACE = re.compile(r'^  File "(?P<file>.*)", line (?P<line>\d+) in', re.MULTILINE)
@@ -305,7 +308,7 @@ class SolverProcess:
         """Take what was printed and keep its beginning; tell whether there may be more."""
         content = os.read(self._output, _CHUNK)
         self.output_bytes += len(content)
-        self.output += content[: max(0, _KEPT_OUTPUT - len(self.output))]
+        self.output += content[: max(0, KEPT_OUTPUT - len(self.output))]
         return bool(content)
 
     def _drain_now(self) -> None:

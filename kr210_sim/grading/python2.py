@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import bisect
 import functools
 import io
 import re
@@ -19,7 +20,7 @@ _FIXERS = (
     "standarderror", "sys_exc", "throw", "tuple_params", "types", "xreadlines",
     "zip",
 )  # fmt: skip
-"""Those of fissix that keep every line where it is; what others would rename is a builtin here."""
+"""Those of fissix that keep lines where they are; what others would rename is a builtin here."""
 
 MODULES = {
     "StringIO": "io", "cStringIO": "io", "cPickle": "pickle", "__builtin__": "builtins",
@@ -29,6 +30,9 @@ MODULES = {
 
 _TAB = 8
 """Columns of a tab in Python 2."""
+
+_UNPACKING = re.compile(r"\s*\(.*\) = xxx_todo_changeme\d*\s*$")
+"""A line that the conversion adds where a parameter was a tuple."""
 
 _ROS = re.compile(r"^\s*(import|from)\s+(rospy|tf|kuka_arm)\b", re.MULTILINE)
 
@@ -100,6 +104,7 @@ def _no_syntax(detail: str, text: str, line: int | None) -> Finding:
 def compile_python2(text: str, path: str) -> Any:
     """Compile converted source such that / of whole numbers is a whole number, as it was."""
     tree = ast.parse(text, path)
+    _put_back(tree, text)
     true_division = any(
         isinstance(node, ast.ImportFrom)
         and node.module == "__future__"
@@ -109,6 +114,17 @@ def compile_python2(text: str, path: str) -> Any:
     if not true_division:
         tree = ast.fix_missing_locations(_Division().visit(tree))
     return compile(tree, path, "exec", dont_inherit=True)
+
+
+def _put_back(tree: ast.AST, text: str) -> None:
+    """Give every node the line it has in the original, where unpacking has no line of its own."""
+    lines = text.splitlines()
+    added = [number for number, line in enumerate(lines, 1) if _UNPACKING.match(line)]
+    for node in ast.walk(tree) if added else ():
+        for name in ("lineno", "end_lineno"):
+            number = getattr(node, name, None)
+            if number is not None:
+                setattr(node, name, number - bisect.bisect_left(added, number))
 
 
 class _Division(ast.NodeTransformer):

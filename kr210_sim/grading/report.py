@@ -1,0 +1,96 @@
+"""A grade as text on the terminal."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from kr210_sim.grading.findings import Finding
+
+_FINDINGS_SHOWN = 12
+
+
+def verdict_text(content: Mapping[str, Any]) -> str:
+    """Return the verdict in one line."""
+    low, high = content["ci95"]
+    verdict = "passed" if content["passed"] else "not passed"
+    needed = content["pass_rate"] * content["cycles"]
+    return (
+        f"{content['name']}: {content['succeeded']} of {content['cycles']} cycles succeeded, "
+        f"{verdict} ({needed:g} asked for; 95 % interval {100 * low:.1f} to {100 * high:.1f} %)"
+    )
+
+
+def grade_text(content: Mapping[str, Any]) -> str:
+    """Return the report of a grade."""
+    lines = [verdict_text(content)]
+    if "form" in content:
+        form = {"poses": "a list of poses", "pose": "one pose", "request": "the course's request"}
+        options = content["options"]
+        lines.append(
+            f"asked          {form.get(content['form'], '?')} at a time, {content['language']}, "
+            f"poses of {options['frame']}; {_scope(options['scope'])}"
+        )
+    lines += _findings(content)
+    if content["unsolved"]:
+        lines.append(
+            "unsolved       every pose got the same answer: fill the template in, step by step; "
+            "`--debug-cases` checks three poses"
+        )
+    if content["figures"]["answered"]:
+        lines += _figures(content["figures"], content["probes"])
+    failures: dict[str, int] = {}
+    for line in content["results"]:
+        if not line["success"]:
+            what = f"{line['reason']} in {line['failed_stage']}"
+            failures[what] = failures.get(what, 0) + 1
+    if failures:
+        shown = ", ".join(f"{what} ({count})" for what, count in failures.items())
+        lines.append(f"cycles failed  {shown}")
+    if content["output_bytes"]:
+        lines.append(f"printed        {content['output_bytes']} bytes; the beginning is kept")
+    return "\n".join(lines)
+
+
+def _scope(scope: str) -> str:
+    legs = "the two planned legs" if scope == "course" else "planned and straight legs"
+    return f"for {legs}"
+
+
+def _findings(content: Mapping[str, Any]) -> list[str]:
+    found = [Finding.from_json(item) for item in content["findings"]]
+    lines = [f"finding        {item.text(content['name'])}" for item in found[:_FINDINGS_SHOWN]]
+    if len(found) > _FINDINGS_SHOWN:
+        lines.append(f"               and {len(found) - _FINDINGS_SHOWN} more")
+    return lines
+
+
+def _figures(figures: Mapping[str, Any], probes: Mapping[str, Any]) -> list[str]:
+    seconds = figures["seconds_per_pose"]
+    travel, optimum = figures["wrist_travel_rad"], figures["wrist_travel_optimum_rad"]
+    return [
+        f"answers        {figures['answered']} of {figures['asked']} poses answered in time, "
+        f"{_time(seconds['mean'])} per pose (slowest {_time(seconds['max'])})",
+        f"end effector   {_spread(figures['position_error_m'], 'm')}, "
+        f"{_spread(figures['angle_error_rad'], 'rad')}",
+        f"wrist center   {_spread(figures['wrist_center_error_m'], 'm')}",
+        f"joints         {figures['beyond_limits']} answers beyond limits, "
+        f"{figures['branch_jumps']} branch jumps, {figures['turns']} whole turns",
+        f"axes 4 to 6    travel {travel:.1f} rad, the least possible is {optimum:.1f}",
+        f"all around     {probes['within_1_mm']} of {probes['asked']} random poses within 1 mm",
+    ]
+
+
+def _spread(values: Mapping[str, float | None], unit: str) -> str:
+    if values["mean"] is None:
+        return "-"
+    return f"mean {values['mean']:.2g} {unit}, max {values['max']:.2g} {unit}"
+
+
+def _time(seconds: float | None) -> str:
+    if seconds is None:
+        return "-"
+    for factor, unit in ((1.0, "s"), (1e3, "ms"), (1e6, "us")):
+        if seconds * factor >= 1.0:
+            return f"{seconds * factor:.3g} {unit}"
+    return "below 1 us"

@@ -1,0 +1,182 @@
+"""The verb `grade`: judge inverse kinematics written by somebody else."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+from kr210_sim.exceptions import BadInput, Interrupted
+from kr210_sim.grading.source import FRAMES, SCOPES, SolverLimits, SolverSource
+from kr210_sim.interrupts import one_interrupt
+from kr210_sim.verbs.common import EXIT_GATE, EXIT_PASSED, whole
+
+
+def add(verbs: Any) -> None:
+    """Add `grade` to the verbs."""
+    parser = verbs.add_parser(
+        "grade",
+        help="grade an IK of your own, or a class of them",
+        description="Let solvers drive the arm through pick-and-place cycles, and judge every "
+        "answer. A file of the course (IK_server.py) runs as it is. Exit status: 0 passed (all of "
+        "a class), 1 not passed, 2 bad input.",
+        allow_abbrev=False,
+    )
+    parser.add_argument(
+        "solver", nargs="+", help="FILE.py, FILE.py:FUNC, MODULE:FUNC, or several files and folders"
+    )
+    parser.add_argument("--cycles", type=whole, default=10, metavar="N", help="(default: 10)")
+    parser.add_argument("--seed", type=whole, default=0, metavar="S", help="(default: 0)")
+    parser.add_argument(
+        "--frame", default=FRAMES[0], metavar="LINK", help="gripper_link (default) or link_6"
+    )
+    parser.add_argument(
+        "--ik-scope", default=SCOPES[0], metavar="WHICH", help="course (default) or all"
+    )
+    defaults = SolverLimits()
+    parser.add_argument(
+        "--pose-timeout", type=float, default=defaults.pose_timeout, metavar="S",
+        help="longest time for one pose [s] (default: 30)",
+    )  # fmt: skip
+    parser.add_argument(
+        "--time-limit", type=float, default=defaults.time_limit, metavar="S",
+        help="longest time for all answers of a solver [s] (default: 900)",
+    )  # fmt: skip
+    parser.add_argument(
+        "--debug-cases", nargs="?", const=0, type=whole, metavar="N",
+        help="only print the errors at the course's three golden poses, and N random ones",
+    )  # fmt: skip
+    parser.add_argument("--jobs", type=whole, default=1, metavar="N", help="(default: 1)")
+    parser.add_argument("--out", type=Path, metavar="DIR", help="folder of the reports")
+    parser.add_argument("--resume", action="store_true", help="go on with the class in --out")
+    parser.add_argument("--json", action="store_true", help="print JSON, all else on stderr")
+    parser.set_defaults(verb=_grade)
+
+
+def _grade(options: argparse.Namespace) -> int:
+    from kr210_sim.grading.grade import GradeConfig
+
+    config = GradeConfig(
+        cycles=options.cycles,
+        seed=options.seed,
+        frame=options.frame,
+        scope=options.ik_scope,
+        limits=SolverLimits(pose_timeout=options.pose_timeout, time_limit=options.time_limit),
+    )
+    if options.resume and options.out is None:
+        raise BadInput("--resume: which class? name its folder by --out DIR")
+    if not 1 <= options.jobs <= 1024:
+        raise BadInput(f"--jobs: {options.jobs} is out of range; give 1 to 1024")
+    paths = [Path(text) for text in options.solver]
+    with one_interrupt():
+        if len(paths) > 1 or paths[0].is_dir():
+            return _class(paths, config, options)
+        source = _source(options.solver[0])
+        if options.debug_cases is not None:
+            return _debug(source, config, options)
+        return _single(source, config, options)
+
+
+def _source(text: str) -> SolverSource:
+    if text.endswith(".py"):
+        return SolverSource.from_file(Path(text))
+    try:
+        return SolverSource.parse(text)
+    except BadInput as error:
+        raise BadInput(str(error).replace("--ik: no solver", "no solver")) from error
+
+
+def _debug(source: SolverSource, config: Any, options: argparse.Namespace) -> int:
+    from contextlib import closing
+
+    from kr210_sim.grading.debug_cases import GOLDEN, debug_text, random_cases
+    from kr210_sim.grading.foreign import ForeignSolver
+    from kr210_sim.loading import read_robot
+    from kr210_sim.source import RobotSource
+
+    if not 0 <= options.debug_cases <= 10_000:
+        raise BadInput(f"--debug-cases: {options.debug_cases} is out of range; give 0 to 10000")
+    _, robot = read_robot(RobotSource())
+    solver = ForeignSolver(source, robot, frame=config.frame, limits=config.limits)
+    with closing(solver):
+        cases = [*GOLDEN, *random_cases(robot, options.debug_cases, config.seed)]
+        print(debug_text(solver, robot, cases))
+    return EXIT_PASSED
+
+
+def _single(source: SolverSource, config: Any, options: argparse.Namespace) -> int:
+    from kr210_sim.grading.class_list import open_folder, write_grade
+    from kr210_sim.grading.grade import grade
+    from kr210_sim.grading.report import grade_text
+    from kr210_sim.summary import HEADER, cycle_line
+
+    out = _out(options)
+    open_folder(out, resume=False)
+    text = sys.stderr if options.json else sys.stdout
+    header = [HEADER]
+
+    def show(line: dict[str, Any]) -> None:
+        while header:
+            print(header.pop(), file=text)
+        print(cycle_line(line), file=text, flush=True)
+
+    content = grade(source, config, on_cycle=show).content
+    write_grade(out, content)
+    print(f"\n{grade_text(content)}\nresults        {out}", file=text)
+    if options.json:
+        print(json.dumps(content, indent=2, allow_nan=False))
+    return EXIT_PASSED if content["passed"] else EXIT_GATE
+
+
+def _class(paths: list[Path], config: Any, options: argparse.Namespace) -> int:
+    from kr210_sim.grading.class_list import (
+        CLASS_HEADER,
+        class_line,
+        class_row,
+        find_items,
+        grade_class,
+        open_folder,
+        write_class,
+    )
+
+    if options.debug_cases is not None:
+        raise BadInput("--debug-cases: is for one solver at a time")
+    out = _out(options)
+    items = find_items(paths, None, out)
+    open_folder(out, resume=options.resume)
+    text = sys.stderr if options.json else sys.stdout
+    done: list[dict[str, Any]] = []
+    print(f"       {CLASS_HEADER}", file=text, flush=True)
+
+    def show(content: dict[str, Any]) -> None:
+        done.append(content)
+        count = f"{len(done)}/{len(items)}"
+        print(f"{count:>6} {class_line(content)}", file=text, flush=True)
+        write_class(out, sorted(done, key=lambda item: item["name"]))
+
+    try:
+        contents = grade_class(items, config, jobs=options.jobs, on_grade=show)
+    except KeyboardInterrupt as error:
+        raise Interrupted(
+            f"interrupted; {len(done)} of {len(items)} solvers are graded in {out}; "
+            f"--out {out} --resume goes on"
+        ) from error
+    passed = sum(bool(content["passed"]) for content in contents)
+    print(f"\n{passed} of {len(contents)} solvers passed\nresults        {out}", file=text)
+    if options.json:
+        rows = [class_row(content) for content in contents]
+        print(json.dumps(rows, indent=2, allow_nan=False))
+    return EXIT_PASSED if passed == len(contents) else EXIT_GATE
+
+
+def _out(options: argparse.Namespace) -> Path:
+    if options.out is not None:
+        return Path(options.out)
+    stamp, number = time.strftime("%Y%m%d-%H%M%S"), 2
+    out = Path("runs") / f"{stamp}-grade"
+    while out.exists():
+        out, number = Path("runs") / f"{stamp}-grade-{number}", number + 1
+    return out
