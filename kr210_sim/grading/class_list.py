@@ -13,18 +13,15 @@ from typing import Any
 from kr210_sim.exceptions import BadInput
 from kr210_sim.grading.findings import Finding
 from kr210_sim.grading.grade import GradeConfig, checksum, grade
+from kr210_sim.grading.page import class_page, grade_page
+from kr210_sim.grading.report import COLUMNS, class_row
 from kr210_sim.grading.source import SolverSource
 from kr210_sim.results import write_json
 from kr210_sim.workers import Loss, share_out
 
 GRADE = "grade.json"
 CLASS = "class.csv"
-
-COLUMNS = (
-    "name", "succeeded", "cycles", "passed", "answered", "asked", "offset_max_m", "angle_max_rad",
-    "seconds_per_pose", "branch_jumps", "turns", "beyond_limits", "finding",
-)  # fmt: skip
-"""Of the list of a class."""
+PAGES = "grade.html", "class.html"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -121,6 +118,7 @@ def grade_item(config: GradeConfig, item: Item) -> dict[str, Any]:
 def write_grade(folder: Path, content: dict[str, Any]) -> None:
     """Write the files of a grade; the JSON is the last, so that it stands for all of them."""
     folder.mkdir(parents=True, exist_ok=True)
+    (folder / PAGES[0]).write_text(grade_page(content), encoding="utf-8")
     write_json(folder / GRADE, content)
 
 
@@ -186,35 +184,15 @@ def _lost(item: Item, config: GradeConfig, cause: str) -> dict[str, Any]:
     }
 
 
-def class_row(content: dict[str, Any]) -> dict[str, Any]:
-    """Return the row of a solver in the list of the class, by COLUMNS."""
-    figures = content["figures"] or {}
-    findings = [Finding.from_json(item).text(content["name"]) for item in content["findings"]]
-    return {
-        "name": content["name"],
-        "succeeded": content["succeeded"],
-        "cycles": content["cycles"],
-        "passed": content["passed"],
-        "answered": figures.get("answered"),
-        "asked": figures.get("asked"),
-        "offset_max_m": (figures.get("position_error_m") or {}).get("max"),
-        "angle_max_rad": (figures.get("angle_error_rad") or {}).get("max"),
-        "seconds_per_pose": (figures.get("seconds_per_pose") or {}).get("mean"),
-        "branch_jumps": figures.get("branch_jumps"),
-        "turns": figures.get("turns"),
-        "beyond_limits": figures.get("beyond_limits"),
-        "finding": findings[0] if findings else None,
-    }
-
-
 def write_class(out: Path, contents: Sequence[dict[str, Any]]) -> None:
-    """Write the list of a class as CSV."""
+    """Write the list of a class as CSV and as a page."""
     part = out / (CLASS + ".part")
     with part.open("w", encoding="utf-8", newline="") as file:
         table = csv.DictWriter(file, COLUMNS)
         table.writeheader()
         table.writerows(_safe(class_row(content)) for content in contents)
     part.replace(out / CLASS)
+    (out / PAGES[1]).write_text(class_page(contents), encoding="utf-8")
 
 
 def _safe(row: dict[str, Any]) -> dict[str, Any]:
@@ -223,20 +201,3 @@ def _safe(row: dict[str, Any]) -> dict[str, Any]:
         name: f"'{value}" if isinstance(value, str) and value[:1] in "=+-@\t" else value
         for name, value in row.items()
     }
-
-
-def class_line(content: dict[str, Any]) -> str:
-    """Return the line of a solver on the terminal, under `CLASS_HEADER`."""
-    row = class_row(content)
-    verdict = "passed" if row["passed"] else "not passed"
-    cycles = f"{row['succeeded']} of {row['cycles']}"
-    offset = "-" if row["offset_max_m"] is None else f"{row['offset_max_m']:.1e}"
-    time = "-" if row["seconds_per_pose"] is None else f"{1e3 * row['seconds_per_pose']:.2f}"
-    finding = row["finding"] or ""
-    finding = finding if len(finding) <= 90 else finding[:87] + "..."
-    return f"{row['name'][:30]:<30} {cycles:>8} {verdict:<10} {offset:>9} {time:>9}  {finding}"
-
-
-CLASS_HEADER = (
-    f"{'solver':<30} {'cycles':>8} {'verdict':<10} {'offset m':>9} {'ms/pose':>9}  finding"
-)

@@ -22,10 +22,10 @@ from kr210_sim.grading.findings import Finding, Refused
 from kr210_sim.grading.foreign import Asked, ForeignSolver
 from kr210_sim.grading.poses import Leg, LegMarks, mark_leg, rows_of, summarize_marks
 from kr210_sim.grading.source import FRAMES, SCOPES, SolverLimits, SolverSource
+from kr210_sim.limits import MotionLimits
 from kr210_sim.robot import Robot
 from kr210_sim.scene import Scene
 from kr210_sim.stats import success_interval
-from kr210_sim.trajectory import MotionLimits
 
 PASS_RATE = 0.8
 """Share of the cycles that the course asked for: 8 of 10."""

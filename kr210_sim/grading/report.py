@@ -9,6 +9,12 @@ from kr210_sim.grading.findings import Finding
 
 _FINDINGS_SHOWN = 12
 
+COLUMNS = (
+    "name", "succeeded", "cycles", "passed", "answered", "asked", "offset_max_m", "angle_max_rad",
+    "seconds_per_pose", "branch_jumps", "turns", "beyond_limits", "finding",
+)  # fmt: skip
+"""Of the list of a class."""
+
 
 def verdict_text(content: Mapping[str, Any]) -> str:
     """Return the verdict in one line."""
@@ -94,3 +100,44 @@ def _time(seconds: float | None) -> str:
         if seconds * factor >= 1.0:
             return f"{seconds * factor:.3g} {unit}"
     return "below 1 us"
+
+
+# ---- a class ---------------------------------------------------------------------------------
+
+
+def class_row(content: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the row of a solver in the list of the class, by COLUMNS."""
+    figures = content["figures"] or {}
+    findings = [Finding.from_json(item).text(content["name"]) for item in content["findings"]]
+    return {
+        "name": content["name"],
+        "succeeded": content["succeeded"],
+        "cycles": content["cycles"],
+        "passed": content["passed"],
+        "answered": figures.get("answered"),
+        "asked": figures.get("asked"),
+        "offset_max_m": (figures.get("position_error_m") or {}).get("max"),
+        "angle_max_rad": (figures.get("angle_error_rad") or {}).get("max"),
+        "seconds_per_pose": (figures.get("seconds_per_pose") or {}).get("mean"),
+        "branch_jumps": figures.get("branch_jumps"),
+        "turns": figures.get("turns"),
+        "beyond_limits": figures.get("beyond_limits"),
+        "finding": findings[0] if findings else None,
+    }
+
+
+def class_line(content: Mapping[str, Any]) -> str:
+    """Return the line of a solver on the terminal, under `CLASS_HEADER`."""
+    row = class_row(content)
+    verdict = "passed" if row["passed"] else "not passed"
+    cycles = f"{row['succeeded']} of {row['cycles']}"
+    offset = "-" if row["offset_max_m"] is None else f"{row['offset_max_m']:.1e}"
+    time = "-" if row["seconds_per_pose"] is None else f"{1e3 * row['seconds_per_pose']:.2f}"
+    finding = row["finding"] or ""
+    finding = finding if len(finding) <= 90 else finding[:87] + "..."
+    return f"{row['name'][:30]:<30} {cycles:>8} {verdict:<10} {offset:>9} {time:>9}  {finding}"
+
+
+CLASS_HEADER = (
+    f"{'solver':<30} {'cycles':>8} {'verdict':<10} {'offset m':>9} {'ms/pose':>9}  finding"
+)

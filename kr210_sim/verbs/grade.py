@@ -132,15 +132,8 @@ def _single(source: SolverSource, config: Any, options: argparse.Namespace) -> i
 
 
 def _class(paths: list[Path], config: Any, options: argparse.Namespace) -> int:
-    from kr210_sim.grading.class_list import (
-        CLASS_HEADER,
-        class_line,
-        class_row,
-        find_items,
-        grade_class,
-        open_folder,
-        write_class,
-    )
+    from kr210_sim.grading.class_list import find_items, grade_class, open_folder, write_class
+    from kr210_sim.grading.report import CLASS_HEADER, class_line, class_row
 
     if options.debug_cases is not None:
         raise BadInput("--debug-cases: is for one solver at a time")

@@ -1,0 +1,417 @@
+"""Solvers are graded: right ones pass, wrong ones are told where, hostile ones do no harm."""
+
+from __future__ import annotations
+
+import csv
+import json
+import os
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from dataclasses import replace
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+import ik
+from kr210_sim.cli import main
+from kr210_sim.exceptions import BadInput
+from kr210_sim.grading import class_list
+from kr210_sim.grading import grade as grading
+from kr210_sim.grading.class_list import find_items, grade_class, open_folder, write_class
+from kr210_sim.grading.debug_cases import GOLDEN, debug_text, random_cases
+from kr210_sim.grading.foreign import Asked, ForeignSolver
+from kr210_sim.grading.grade import GradeConfig, grade
+from kr210_sim.grading.page import class_page, grade_page
+from kr210_sim.grading.poses import Leg, mark_leg, rows_of, summarize_marks
+from kr210_sim.grading.process import Answer
+from kr210_sim.grading.report import class_line, grade_text
+from kr210_sim.grading.source import SolverLimits, SolverSource
+
+ROOT = Path(__file__).parents[1]
+EXAMPLES = ROOT / "examples"
+COURSE = sorted((Path(__file__).parent / "solvers" / "course").glob("*.py"))
+GEOMETRIC = (EXAMPLES / "solutions" / "geometric_ik.py").read_text()
+HOME = np.zeros(6)
+BRIEF = GradeConfig(cycles=1, limits=SolverLimits(pose_timeout=1.0, time_limit=6.0))
+
+
+@pytest.fixture(autouse=True)
+def _one_scene(scene, monkeypatch):
+    monkeypatch.setattr(grading, "_scene", lambda config: scene)
+
+
+def graded(path: Path, config: GradeConfig = BRIEF) -> dict:
+    return grade(SolverSource(file=path), config).content
+
+
+# ---- pose by pose ---------------------------------------------------------------------------
+
+
+def leg_of(robot, q: np.ndarray, T: np.ndarray | None = None) -> Leg:
+    poses = ik.forward(robot.geometry, q) if T is None else T
+    asked = Asked(T_base_palm=poses, q_start=q[0], q=q, seconds=np.full(len(q), 1e-3), finding=None)
+    return Leg(cycle=0, stage="MOVE_TO_PICK", asked=asked)
+
+
+@pytest.fixture
+def q() -> np.ndarray:
+    return np.linspace(0, 1, 20)[:, None] * [0.5, 0.3, -0.3, 0.9, 0.8, -0.6] + 0.1
+
+
+def test_right_answers_have_no_errors_and_no_detours(robot, q):
+    mark = mark_leg(robot, leg_of(robot, q))
+    figures = summarize_marks([mark])
+    assert figures["position_error_m"]["max"] < 1e-12
+    assert figures["angle_error_rad"]["max"] < 1e-12
+    assert figures["wrist_center_error_m"]["max"] < 1e-12
+    assert (figures["branch_jumps"], figures["turns"], figures["beyond_limits"]) == (0, 0, 0)
+    assert figures["wrist_travel_rad"] == pytest.approx(figures["wrist_travel_optimum_rad"])
+    assert json.loads(json.dumps(rows_of(mark), allow_nan=False))[0]["pose"] == 0
+
+
+def test_an_error_of_the_tool_length_is_not_one_of_the_wrist(robot, q):
+    poses = ik.forward(robot.geometry, q)
+    poses[:, :3, 3] += 0.11 * poses[:, :3, 0]
+    mark = mark_leg(robot, leg_of(robot, q, poses))
+    np.testing.assert_allclose(np.linalg.norm(mark.position_error, axis=1), 0.11)
+    np.testing.assert_allclose(mark.angle_error, 0.0, atol=1e-7)
+    np.testing.assert_allclose(np.linalg.norm(mark.wrist_error, axis=1), 0.11)
+
+
+def test_an_error_of_a_joint_is_an_angle(robot, q):
+    mark = mark_leg(robot, leg_of(robot, q + 0.2 * np.eye(6)[5], ik.forward(robot.geometry, q)))
+    np.testing.assert_allclose(mark.angle_error, 0.2)
+    np.testing.assert_allclose(mark.wrist_error, 0.0, atol=1e-12)
+
+
+def test_jumps_turns_and_limits_are_counted(robot, q):
+    poses = ik.forward(robot.geometry, q)
+    turned = q.copy()
+    turned[10:, 5] -= 2 * np.pi
+    mark = mark_leg(robot, leg_of(robot, turned, poses))
+    assert (mark.turns.sum(), mark.jumps.sum()) == (1, 0)
+    flipped = q.copy()
+    flipped[10:] = q[10:] * [1, 1, 1, 1, -1, 1] + [0, 0, 0, np.pi, 0, np.pi]
+    mark = mark_leg(robot, leg_of(robot, flipped, poses))
+    assert list(np.flatnonzero(mark.jumps)) == [10]
+    assert mark.wrist_travel > mark.wrist_optimum + 6.0
+    far = q.copy()
+    far[3, 1] = 2.0
+    figures = summarize_marks([mark_leg(robot, leg_of(robot, far, poses))])
+    assert figures["beyond_limits"] == 1
+
+
+def test_poses_without_an_answer_have_no_errors(robot, q):
+    leg = leg_of(robot, q)
+    short = replace(leg, asked=replace(leg.asked, q=q[:5], seconds=np.ones(5)))
+    figures = summarize_marks([mark_leg(robot, short)])
+    assert (figures["answered"], figures["asked"]) == (5, 20)
+    none = replace(leg, asked=replace(leg.asked, q=q[:0], seconds=np.empty(0)))
+    rows = rows_of(mark_leg(robot, none))
+    assert [row["q_rad"] for row in rows] == [None] * 20
+    assert summarize_marks([])["position_error_m"]["max"] is None
+
+
+# ---- reports --------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def failing(tmp_path_factory):
+    path = tmp_path_factory.mktemp("class") / "<b>evil.py"
+    path.write_text("import numpy\nimport no_such_package\n")
+    return path
+
+
+@pytest.fixture(scope="module")
+def failed(failing, scene):
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(grading, "_scene", lambda config: scene)
+        return graded(failing)
+
+
+def test_a_file_that_fails_at_once_is_reported_with_its_line(failed):
+    content = failed
+    (finding,) = content["findings"]
+    assert (finding["kind"], finding["line"]) == ("import", 2)
+    assert (content["passed"], content["succeeded"]) == (False, 0)
+    text = grade_text(content)
+    assert "line 2: raised ModuleNotFoundError" in text
+    assert "Traceback" not in text
+    page = grade_page(content)
+    assert "<b>evil" not in page
+    assert "&lt;b&gt;evil" in page
+    assert "no_such_package" in class_line(content)
+    assert "<b>" not in class_page([content])
+    json.dumps(content, allow_nan=False)
+
+
+def test_spreadsheets_get_no_formulas(tmp_path, failed):
+    write_class(tmp_path, [failed | {"name": "=cmd()"}])
+    with (tmp_path / "class.csv").open() as file:
+        (row,) = csv.DictReader(file)
+    assert row["name"] == "'=cmd()"
+
+
+def test_debug_cases_print_the_errors_of_golden_poses(robot):
+    class Right:
+        source = SolverSource(module="right")
+        answers = iter([*GOLDEN, *random_cases(robot, 2, 0)])
+
+        def load(self): ...
+
+        def ask(self, T, q_start):
+            return Answer(q=np.array([next(self.answers).q]), seconds=np.array([0.25]))
+
+    text = debug_text(Right(), robot, [*GOLDEN, *random_cases(robot, 2, 0)])
+    offsets = [
+        float(line.split()[-2]) for line in text.splitlines() if "Overall end effector" in line
+    ]
+    assert max(offsets[:3]) < 0.02
+    assert max(offsets[3:]) < 1e-8
+    assert "Theta 6 error is: 0.00000000" in text
+    assert "0.2500 seconds" in text
+
+
+# ---- a class --------------------------------------------------------------------------------
+
+
+def test_files_and_folders_make_a_class(tmp_path):
+    (tmp_path / "anna").mkdir()
+    for name in ("b.py", "_hidden.py", "notes.txt", "anna/IK_server.py"):
+        (tmp_path / name).write_text("")
+    items = find_items([tmp_path, tmp_path / "b.py"], None, Path("out"))
+    assert [item.name for item in items] == ["anna/IK_server", "b", "b-2"]
+    assert items[0].folder == Path("out/anna__IK_server")
+    (tmp_path / "empty").mkdir()
+    with pytest.raises(BadInput, match=r"no \.py files"):
+        find_items([tmp_path / "empty"], None, Path("out"))
+
+
+def test_a_class_goes_on_where_it_was(tmp_path, monkeypatch, failed):
+    seen: list[str] = []
+
+    def fake(source, config):
+        seen.append(source.file.name)
+        known = {"sha256": class_list.checksum(source), "options": config.as_json()}
+        return SimpleNamespace(content=failed | known)
+
+    for name in "abc":
+        (tmp_path / f"{name}.py").write_text(f"{name} = 1\n")
+    out = tmp_path / "out"
+    monkeypatch.setattr(class_list, "grade", fake)
+    items = find_items([tmp_path / f"{name}.py" for name in "abc"], None, out)
+    grade_class(items[:2], BRIEF, jobs=1, on_grade=lambda content: None)
+    (tmp_path / "b.py").write_text("b = 2\n")
+    told: list[str] = []
+    contents = grade_class(
+        items, BRIEF, jobs=1, on_grade=lambda content: told.append(content["name"])
+    )
+    assert seen == ["a.py", "b.py", "b.py", "c.py"]  # b has changed meanwhile
+    assert [content["name"] for content in contents] == sorted(told) == ["a", "b", "c"]
+    assert (out / "a" / "grade.html").is_file()
+    with pytest.raises(BadInput, match="--resume"):
+        open_folder(out, resume=False)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "text"),
+    [
+        (["absent.py"], "absent.py"),
+        (["nothing"], "no solver"),
+        (["{file}", "--cycles", "0"], "--cycles"),
+        (["{file}", "--frame", "tool0"], "--frame"),
+        (["{file}", "--ik-scope", "none"], "--ik-scope"),
+        (["{file}", "--pose-timeout", "0"], "--pose-timeout"),
+        (["{file}", "--time-limit", "nan"], "--time-limit"),
+        (["{file}", "--resume"], "--resume"),
+        (["{file}", "--jobs", "0"], "--jobs"),
+        (["{file}", "--debug-cases", "-1"], "--debug-cases"),
+        (["{file}", "{file}", "--debug-cases"], "--debug-cases"),
+        (["{file}", "--out", "{file}"], "--out"),
+    ],
+)
+def test_bad_input_is_one_line(arguments, text, failing, capsys):
+    assert main(["grade", *(word.replace("{file}", str(failing)) for word in arguments)]) == 2
+    assert text in capsys.readouterr().err
+
+
+# ---- whole grades ---------------------------------------------------------------------------
+
+PER_POSE = (
+    GEOMETRIC
+    + """
+from types import SimpleNamespace as S
+def one(position, quaternion):
+    p, q = S(**dict(zip("xyz", position))), S(**dict(zip("xyzw", quaternion)))
+    return handle_calculate_IK(S(poses=[S(position=p, orientation=q)]))[0]
+"""
+)
+
+HOSTILE = {
+    "loops": ("timeout", "def solve(T, q_start):\n    while True:\n        pass\n"),
+    "forks": ("raised", "import os\ndef solve(T, q_start):\n    while True:\n        os.fork()\n"),
+    "ten_gigabytes": ("memory", "def solve(T, q_start):\n    return [0.0] * (10 * 2**30 // 8)\n"),
+    "exits": ("exit", "import sys\ndef solve(T, q_start):\n    sys.exit(0)\n"),
+    "changes_folder": (None, "import os\nos.chdir('/')\n" + GEOMETRIC),
+    "floods": ("timeout", "def solve(T, q_start):\n    while True:\n        print('x' * 9999)\n"),
+    "imports": ("import", "import rospy\nimport not_there\n"),
+    "syntax_3": ("syntax", "#!/usr/bin/env python3\nx = 1\ndef solve(T q_start):\n    pass\n"),
+    "syntax_2": ("syntax", "import rospy\nprint 'ready'\ndef solve(T q_start):\n    pass\n"),
+    "sleeps": (
+        "timeout",
+        PER_POSE + "import time\ndef solve(position, quaternion):\n    time.sleep(0.9)\n"
+        "    return one(position, quaternion)\n",
+    ),
+    "changes_its_mind": (
+        "changed",
+        GEOMETRIC + "right, calls = handle_calculate_IK, []\n"
+        "def handle_calculate_IK(req):\n    calls.append(1)\n"
+        "    return [[q + 1e-3 * len(calls) for q in row] for row in right(req)]\n",
+    ),
+    "raises_late": (
+        "raised",
+        PER_POSE + "asked = []\ndef solve(position, quaternion):\n    asked.append(1)\n"
+        "    if len(asked) > 30:\n        raise RuntimeError('enough')\n"
+        "    return one(position, quaternion)\n",
+    ),
+    "deletes_itself": (None, "import os\nos.remove(__file__)\n" + GEOMETRIC),
+}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", HOSTILE)
+def test_a_hostile_file_is_graded_and_does_no_harm(name, tmp_path):
+    kind, text = HOSTILE[name]
+    path = tmp_path / f"{name}.py"
+    text = (
+        text.replace("def handle_calculate_IK", "def ik_of") if "solve(position" in text else text
+    )
+    text = text.replace("return handle_calculate_IK(S", "return ik_of(S")
+    path.write_text(text)
+    folder, scratch = Path.cwd(), set(Path(tempfile.gettempdir()).glob("kr210-solver-*"))
+    began = time.monotonic()
+    content = graded(path)
+    assert time.monotonic() - began < 60.0
+    kinds = {finding["kind"] for finding in content["findings"]}
+    assert kind in kinds if kind else not kinds
+    assert content["succeeded"] == (1 if kind is None else 0) or name == "changes_its_mind"
+    if kind not in (None, "changed"):
+        assert content["findings"][0]["line"] is not None
+    if name in ("sleeps", "raises_late"):
+        figures = content["figures"]
+        assert 0 < figures["answered"] < figures["asked"]
+    assert path.read_text() == text
+    assert Path.cwd() == folder
+    assert set(Path(tempfile.gettempdir()).glob("kr210-solver-*")) <= scratch
+    assert "Traceback" not in grade_text(content)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("path", COURSE, ids=lambda path: path.stem)
+def test_a_file_of_the_course_runs_unmodified(path):
+    before = path.read_bytes()
+    content = graded(path, GradeConfig(cycles=1))
+    assert (content["language"], content["form"]) == ("Python 2", "request")
+    assert content["findings"] == []
+    assert content["succeeded"] == 1
+    assert content["figures"]["position_error_m"]["max"] < 1e-9
+    assert content["probes"]["within_1_mm"] == content["probes"]["asked"]
+    assert path.read_bytes() == before
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["geometric_ik", "sympy_ik", "numeric_ik"])
+def test_our_solutions_grade_ten_of_ten(name):
+    content = graded(EXAMPLES / "solutions" / f"{name}.py", GradeConfig())
+    assert (content["succeeded"], content["passed"]) == (10, True)
+    assert content["findings"] == []
+    assert content["figures"]["position_error_m"]["max"] < 1e-9
+
+
+@pytest.mark.slow
+def test_the_template_grades_none_of_ten_with_a_friendly_report():
+    content = graded(EXAMPLES / "student_ik.py", GradeConfig())
+    assert (content["succeeded"], content["passed"]) == (0, False)
+    assert content["findings"] == []
+    assert "fill the template in" in grade_text(content)
+
+
+@pytest.mark.slow
+def test_poses_of_link_6_suit_a_solver_that_expects_them(tmp_path):
+    path = tmp_path / "to_link_6.py"
+    path.write_text(GEOMETRIC.replace("D7 = 0.303", "D7 = 0.193"))
+    right = graded(path, GradeConfig(cycles=1, frame="link_6"))
+    wrong = graded(path, GradeConfig(cycles=1))
+    assert right["figures"]["position_error_m"]["max"] < 1e-9
+    assert right["succeeded"] == 1
+    assert wrong["figures"]["position_error_m"]["max"] == pytest.approx(0.11)
+    assert wrong["succeeded"] == 0
+    assert "poses of link_6" in grade_text(right)
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(sys.platform == "win32", reason="signals")
+def test_a_class_that_is_killed_goes_on(tmp_path):
+    """Progress is shown, an interrupt says how to go on, and what is graded is not graded again."""
+    count = 6
+    for index in range(count):
+        (tmp_path / f"student_{index}.py").write_text(
+            f"import time; time.sleep(0.5)\nx = {index}\n"
+        )
+    out = tmp_path / "out"
+    program = "import sys; from kr210_sim.cli import main; sys.exit(main())"
+    command = [sys.executable, "-c", program]
+    command += ["grade", str(tmp_path), "--cycles", "1", "--jobs", "2", "--out", str(out)]
+    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    for line in process.stdout:
+        if line.lstrip().startswith(f"2/{count}"):
+            break
+    process.send_signal(signal.SIGINT)
+    errors = process.communicate(timeout=60)[1]
+    assert process.returncode == 130
+    assert "--resume goes on" in errors
+    times = {path: path.stat().st_mtime_ns for path in out.rglob("grade.json")}
+    assert 2 <= len(times) < count
+    done = subprocess.run([*command, "--resume"], capture_output=True, text=True, check=False)
+    assert done.returncode == 1
+    assert f"{count}/{count}" in done.stdout
+    assert all(path.stat().st_mtime_ns == before for path, before in times.items())
+    with (out / "class.csv").open() as file:
+        assert len(list(csv.DictReader(file))) == count
+    assert (out / "class.html").is_file()
+    assert not os.path.exists(out / "class.csv.part")
+
+
+@pytest.mark.slow
+def test_debug_cases_of_a_file(capsys):
+    assert (
+        main(["grade", str(EXAMPLES / "solutions" / "geometric_ik.py"), "--debug-cases", "2"]) == 0
+    )
+    text = capsys.readouterr().out
+    assert text.count("Overall end effector offset is: 0.0000000") == 5
+    assert main(["grade", str(EXAMPLES / "student_ik.py"), "--debug-cases"]) == 0
+    assert "case 3 of 3" in capsys.readouterr().out
+
+
+def test_a_solver_that_is_lost_is_started_again_a_few_times(robot, monkeypatch):
+    from kr210_sim.grading import foreign
+    from kr210_sim.grading.findings import Finding
+
+    class Dying:
+        seconds_left, output, output_bytes, alive, close = 10.0, b"", 0, False, lambda self: None
+
+        def __init__(self, *_, **__): ...
+
+        def ask(self, T, q_start):
+            finding = Finding(kind="died", detail="gone")
+            return Answer(q=np.empty((0, 6)), seconds=np.empty(0), finding=finding)
+
+    monkeypatch.setattr(foreign, "SolverProcess", Dying)
+    solver = ForeignSolver(SolverSource(module="dying"), robot)
+    kinds = [solver.ask(np.eye(4)[None], HOME).finding.kind for _ in range(5)]
+    assert kinds == ["died"] * 3 + ["not_tried"] * 2
