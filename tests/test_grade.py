@@ -9,7 +9,6 @@ import signal
 import subprocess
 import sys
 import tempfile
-import time
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -37,7 +36,7 @@ EXAMPLES = ROOT / "examples"
 COURSE = sorted((Path(__file__).parent / "solvers" / "course").glob("*.py"))
 GEOMETRIC = (EXAMPLES / "solutions" / "geometric_ik.py").read_text()
 HOME = np.zeros(6)
-BRIEF = GradeConfig(cycles=1, limits=SolverLimits(pose_timeout=1.0, time_limit=6.0))
+BRIEF = GradeConfig(cycles=1, limits=SolverLimits(pose_timeout=3.0, time_limit=9.0))
 
 
 @pytest.fixture(autouse=True)
@@ -264,7 +263,7 @@ HOSTILE = {
     "syntax_2": ("syntax", "import rospy\nprint 'ready'\ndef solve(T q_start):\n    pass\n"),
     "sleeps": (
         "timeout",
-        PER_POSE + "import time\ndef solve(position, quaternion):\n    time.sleep(0.9)\n"
+        PER_POSE + "import time\ndef solve(position, quaternion):\n    time.sleep(1)\n"
         "    return one(position, quaternion)\n",
     ),
     "changes_its_mind": (
@@ -294,9 +293,8 @@ def test_a_hostile_file_is_graded_and_does_no_harm(name, tmp_path):
     text = text.replace("return handle_calculate_IK(S", "return ik_of(S")
     path.write_text(text)
     folder, scratch = Path.cwd(), set(Path(tempfile.gettempdir()).glob("kr210-solver-*"))
-    began = time.monotonic()
     content = graded(path)
-    assert time.monotonic() - began < 60.0
+    assert content["seconds"] < BRIEF.limits.time_limit + 2.0
     kinds = {finding["kind"] for finding in content["findings"]}
     assert kind in kinds if kind else not kinds
     assert content["succeeded"] == (1 if kind is None else 0) or name == "changes_its_mind"

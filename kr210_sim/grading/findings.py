@@ -9,7 +9,7 @@ from typing import Any
 
 KINDS = (
     "not_found", "syntax", "import", "raised", "exit", "form", "shape", "none", "complex", "nan",
-    "not_a_number", "infinite", "timeout", "died", "memory", "flood", "changed", "not_tried",
+    "not_a_number", "infinite", "timeout", "died", "memory", "changed", "not_tried",
 )  # fmt: skip
 """All kinds of findings."""
 
