@@ -50,10 +50,10 @@ class ArmPage:
         self._add_frames()
         self._add_ghosts(model)
         self._add_controls()
-        self.move(self._home)
+        self._show(self._home)
 
-    def move(self, q: Array) -> ArmState:
-        """Put the arm into a configuration q (6,) [rad], and show what that means."""
+    def _show(self, q: Array) -> None:
+        """Show the arm in a configuration q (6,) [rad], and what that means."""
         with self._lock, self.page.server.atomic():
             state = arm_state(self.robot, q)
             poses = self._puppet.place_robot(q, self.robot.finger_positions(self._fingers))
@@ -64,7 +64,6 @@ class ArmPage:
             self._poses.content = state_html(state, base=self.robot.root, palm=self.robot.palm)
             self._branches.content = branches_html(state.branches, [css(c) for c in COLORS])
             self.q = state.q
-        return state
 
     def reach(self, T_base_palm: Array) -> bool:
         """Put the palm into a pose (4, 4) by the nearest configuration within limits, if any."""
@@ -74,7 +73,7 @@ class ArmPage:
                 return False
             self._dragging = True
             try:
-                self._set(q)
+                self.move(q)
             finally:
                 self._dragging = False
             return True
@@ -99,7 +98,7 @@ class ArmPage:
             self._finger = gui.add_slider("fingers, mm", low, high, _FINGER_STEP, opening)
             self._finger.on_update(self._slid)
             button = gui.add_button("Home")
-            button.on_click(lambda _: self._set(self._home))
+            button.on_click(lambda _: self.move(self._home))
         with gui.add_folder("Forward kinematics"):
             self._poses = gui.add_html("")
         with gui.add_folder("Inverse kinematics: the eight branches"):
@@ -136,14 +135,14 @@ class ArmPage:
         with self._lock:
             if not self._quiet:
                 self._fingers = 1e-3 * self._finger.value
-                self.move(self._of_sliders())
+                self._show(self._of_sliders())
 
     def _of_sliders(self) -> Array:
         q = np.radians([slider.value for slider in self._sliders])
         return np.clip(q, self.robot.lower, self.robot.upper)
 
-    def _set(self, q: Array) -> None:
-        """Move the arm, and the sliders with it."""
+    def move(self, q: Array) -> None:
+        """Put the arm and the sliders into a configuration q (6,) [rad]."""
         with self._lock:
             self._quiet = True
             try:
@@ -151,7 +150,7 @@ class ArmPage:
                     slider.value = float(angle)
             finally:
                 self._quiet = False
-            self.move(q)
+            self._show(q)
 
     # ---- frames -------------------------------------------------------------------------------
 
