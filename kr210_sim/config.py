@@ -27,6 +27,7 @@ MOST_SURE = 1 - 1e-6
 """Highest confidence, and highest rate to prove; 14 million cycles prove that one."""
 
 MAX_JOBS = 1024
+MAX_RETRIES = 100
 MAX_SEED = 2**64 - 1
 
 SOLVERS = ("analytic", "numeric")
@@ -91,6 +92,9 @@ class RunConfig:
     )
     randomize: str | None = _option(
         None, "what is random: course, nominal, hard, or a .toml or .json file", "PRESET|FILE"
+    )
+    retries: int = _option(
+        0, "further tries at a grasp that the gripper feels to have failed in the cell", "N"
     )
     ik: str = _option(
         "analytic",
@@ -178,6 +182,10 @@ class RunConfig:
         if not 0 <= self.clearance <= CLEARANCE_CAP:
             raise BadInput(
                 f"--clearance: {self.clearance} m is out of range; give 0 to {CLEARANCE_CAP:g}"
+            )
+        if not 0 <= self.retries <= MAX_RETRIES:
+            raise BadInput(
+                f"--retries: {_short(self.retries)} is out of range; give 0 to {MAX_RETRIES}"
             )
         self.robot_source()
         self._check_randomization()

@@ -16,6 +16,9 @@ from kr210_sim.trajectory import Trajectory
 FINGER_QUICKNESS = 5.0
 """Fingers reach their velocity limit this many times sooner than the arm joints theirs."""
 
+BRAKE_TIMES = (0.15, 0.2, 0.3, 0.45, 0.7, 1.0)
+"""Times in which to come to rest on the way, the first that the acceleration limits allow [s]."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class Commands:
@@ -61,9 +64,15 @@ class Controller:
         q = np.array(simulation.data.ctrl[address.arm_ctrl])[None]
         self._arm = Commands(ctrl=q, q=q, T_base_tcp=self._robot.forward(q))
         self._finger = np.array([simulation.data.ctrl[address.finger_ctrl]])
+        self._trajectory: Trajectory | None = None
         self._arm_done = self._finger_done = 0
         self._on_the_way = np.repeat(self._wanted(1), round(delay / self._step), axis=0)
         self._before = self._arm_done, self._finger_done, self._on_the_way
+
+    @property
+    def goal(self) -> Array:
+        """Last configuration (6,) that the arm is commanded to [rad]."""
+        return np.array(self._arm.q[-1])
 
     @property
     def moving(self) -> bool:
@@ -81,8 +90,34 @@ class Controller:
         longest = min(trajectory.duration, self._longest)
         count = int(np.ceil(longest / self._step - 1e-9)) + 1
         q, qd, _ = trajectory(np.arange(count) * self._step)
+        self._trajectory = trajectory
+        self._hold(q, qd)
+
+    def _hold(self, q: Array, qd: Array) -> None:
+        """Make configurations (n, 6), one per physics step, and their speeds the next commands."""
         self._arm = Commands(ctrl=q + self._lead * qd, q=q, T_base_tcp=self._robot.forward(q))
         self._arm_done = 0
+
+    def brake(self, acceleration: Array) -> None:
+        """Come to rest along the present trajectory, as soon as acceleration limits (6,) allow.
+
+        Time itself slows down, so the arm does not leave the path that was found free.
+
+        Args:
+            acceleration: limit of each joint [rad/s^2].
+        """
+        if self._trajectory is None or not self.moving:
+            return
+        begin = self._arm_done * self._step
+        for duration in BRAKE_TIMES:
+            x = np.arange(int(np.ceil(duration / self._step)) + 1) * self._step / duration
+            x = np.minimum(x, 1.0)
+            rate = 1.0 - x**2 * (3.0 - 2.0 * x)
+            q, qd, _ = self._trajectory(begin + duration * (x - x**3 + x**4 / 2.0))
+            qd *= rate[:, None]
+            if np.all(np.abs(np.diff(qd, axis=0)) <= acceleration * self._step):
+                break
+        self._hold(q, qd)
 
     def drive_fingers(self, position: float, *, speed: float = 1.0) -> None:
         """Start moving the finger command to a joint position [m], jerk-limited.

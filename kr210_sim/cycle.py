@@ -3,18 +3,22 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Callable
 
 import mujoco
 import numpy as np
 
+from kr210_sim.arrays import Array
 from kr210_sim.clearance import least_clearance
 from kr210_sim.collision import MujocoOracle
 from kr210_sim.criteria import HOME_SLACK, LIFT_HEIGHT_LIMIT, REST_TIME
 from kr210_sim.exceptions import CycleFailure
+from kr210_sim.grip import Grip
 from kr210_sim.monitor import position_quaternion
 from kr210_sim.motions import CycleSetup, TimedMotion, plan_cycle
 from kr210_sim.offsets import ik_offsets
-from kr210_sim.record import CycleRecord, Event, unplayed_record
+from kr210_sim.record import RECORD_STEP, CycleRecord, Event, Retry, unplayed_record
+from kr210_sim.recovery import LOOK_TIME, GraspLost, look_again, way_out
 from kr210_sim.scene import Target
 from kr210_sim.simulation import Simulation
 from kr210_sim.stepping import Probe, Stepping, Stopped
@@ -48,6 +52,15 @@ WAIT_LIMIT = 2.0
 SETTLE_LIMIT = 8.0
 """Longest wait for a released target to come to rest after the return home [s]."""
 
+REACTION_TIME = 0.1
+"""A grasp that fails in the cell may be tried again if the gripper notices within this time [s]."""
+
+IN_CELL = frozenset({"LIFT", "WITHDRAW"})
+"""Stages in which a target that is lost falls back into its cell."""
+
+FORGIVABLE = frozenset({"missed_grasp", "dropped"})
+"""Reasons for which a grasp may be tried again."""
+
 
 class _Cycle(Stepping):
     """The state of a running cycle."""
@@ -57,6 +70,31 @@ class _Cycle(Stepping):
     ) -> None:
         super().__init__(simulation, setup.variation.delay, probe)
         self.target, self.setup, self.closing = target, setup, False
+        self.retries: list[Retry] = []
+        self._grip = Grip(simulation, RECORD_STEP)
+
+    @property
+    def may_retry(self) -> bool:
+        """Whether another try at the grasp is allowed."""
+        return len(self.retries) < self.setup.retries
+
+    @property
+    def feeling(self) -> bool:
+        """Whether every record step may tell the gripper that it has no target."""
+        return self.may_retry and self.stage in IN_CELL
+
+    def judge(self, rows: Array) -> None:
+        """Stop the cycle if a condition broke, but let the gripper notice first if it may retry.
+
+        What broke is never told to the gripper: it goes by the measurements (n, m) of its own.
+        """
+        events, feeling = self.monitor.events, self.feeling
+        lost = self._grip.feel(rows) if feeling else None
+        forgivable = feeling and all(event.reason in FORGIVABLE for event in events)
+        if forgivable and lost is not None:
+            raise GraspLost(lost)
+        if events and not (forgivable and self.monitor.time <= events[0].time + REACTION_TIME):
+            raise Stopped
 
     def move(self, motion: TimedMotion) -> None:
         """Run one planned motion to its end, stage by stage."""
@@ -74,7 +112,7 @@ class _Cycle(Stepping):
             self.enter(stage)
             if closing:
                 self.close_gripper()
-            self.advance(self.steps_alike(due))
+            self.advance(1 if self.feeling else self.steps_alike(due))
         end, stage = motion.trajectory.end, self.stage
         homing = stage == "MOVE_HOME"
         near = HOME_SLACK if homing else ARRIVED
@@ -90,17 +128,32 @@ class _Cycle(Stepping):
             if self.monitor.tracking > LIFT_HEIGHT_LIMIT:  # then it is the arm that did not lift
                 away = 1000 * self.monitor.tracking
                 raise CycleFailure("tracking", f"the TCP is {away:.0f} mm from its command")
-            raise CycleFailure("missed_grasp", "the target did not come along")
+            failure = CycleFailure("missed_grasp", "the target did not come along")
+            if not self.may_retry:
+                raise failure
+            self.monitor.events.append(self.event(failure))
         self.stage = stage
 
-    def run(self, motions: list[TimedMotion]) -> None:
-        """Go through the stages; raises CycleFailure or Stopped where one cannot go on."""
-        for motion in motions:
-            self.move(motion)
-            if self.stage == "APPROACH":
-                self.grasp()
-            elif self.stage == "LOWER":
-                self.release()
+    def event(self, failure: CycleFailure) -> Event:
+        """Return a failure as an event of the present stage and time."""
+        return Event(
+            reason=failure.reason,
+            stage=failure.stage or self.stage,
+            time=self.monitor.time,
+            detail=failure.detail,
+        )
+
+    def run(self, motions: list[TimedMotion], again: Callable[[], list[TimedMotion]]) -> None:
+        """Go through the stages; raises CycleFailure or Stopped where one cannot go on.
+
+        Args:
+            motions: from the start to home.
+            again: plans them anew from out of the cell, after a grasp that failed.
+        """
+        while not self.deliver(motions):
+            motions = again()
+            self.retries[-1].until = self.monitor.time
+            self.monitor.start_over()
         self.home_time = self.monitor.time
         self.stage = "SETTLE"
         self.wait(
@@ -109,6 +162,46 @@ class _Cycle(Stepping):
             CycleFailure("outside_bin", "the target does not come to rest"),
             least=lambda: REST_TIME - self.monitor.resting_for,
         )
+
+    def deliver(self, motions: list[TimedMotion]) -> bool:
+        """Go through the stages to home; False if the grasp failed, and the arm is out again."""
+        try:
+            for motion in motions:
+                self.move(motion)
+                if self.stage == "APPROACH":
+                    self.grasp()
+                elif self.stage == "LOWER":
+                    self.release()
+        except GraspLost as lost:
+            self.give_up(str(lost), motions[0].trajectory.end)
+            return False
+        return True
+
+    def give_up(self, what: str, q_grasp: Array) -> None:
+        """Stop, open, and go back out of the cell for another try.
+
+        Args:
+            what: the gripper felt.
+            q_grasp: (6,) where the grasp was to be [rad].
+        """
+        failure = CycleFailure("dropped" if self.monitor.lifted else "missed_grasp", what)
+        self.retries.append(Retry(event=self.event(failure)))
+        self.stage = "BACK_OUT"
+        self.monitor.start_over()
+        self.monitor.released = True
+        self.controller.brake(self.setup.limits.acceleration)
+        while self.controller.moving:
+            self.advance()
+        self.controller.drive_fingers(self.scene.robot.finger_open)
+        stuck = CycleFailure("not_released", "the fingers do not open for another try")
+        self.wait(self.fingers_open, WAIT_LIMIT, stuck)
+        motion = way_out(self.simulation, self.target, self.setup, self.controller.goal, q_grasp)
+        if motion is not None:
+            self.move(motion)
+        looked = self.monitor.time + LOOK_TIME
+        self.wait(lambda: self.monitor.time >= looked, WAIT_LIMIT, stuck)
+        self.closing = False
+        self._grip.let_go()
 
     def close_gripper(self) -> None:
         """Start closing, once."""
@@ -120,11 +213,19 @@ class _Cycle(Stepping):
         """Close on the target until the grip force is there."""
         self.stage = "CLOSE_GRIPPER"
         self.close_gripper()
+        failure: Exception = CycleFailure("missed_grasp", "the fingers do not close on the target")
+        if self.may_retry:
+            failure = GraspLost("the fingers do not press on a target")
         self.wait(
-            lambda: self.monitor.pressing_for >= GRIP_STEADY,
+            lambda: self.monitor.pressing_for >= GRIP_STEADY or self._felt_nothing(),
             WAIT_LIMIT,
-            CycleFailure("missed_grasp", "the fingers do not close on the target"),
+            failure,
         )
+        if self._felt_nothing():
+            raise GraspLost("the fingers have closed on nothing")
+
+    def _felt_nothing(self) -> bool:
+        return self.may_retry and self._grip.empty(self.monitor.finger_position)
 
     def release(self) -> None:
         """Open until the fingers have come free of the target; they go on opening meanwhile."""
@@ -193,28 +294,16 @@ def run_cycle(
     started = time.perf_counter()
     events: list[Event] = []
     try:
-        cycle.run(_plan(cycle, record))
+        believed = setup.variation.believed(target, cycle.scene)
+        cycle.run(_plan(cycle, record, believed), lambda: _plan_again(cycle, record))
     except CycleFailure as failure:
-        events.append(
-            Event(
-                reason=failure.reason,
-                stage=failure.stage or cycle.stage,
-                time=cycle.monitor.time,
-                detail=failure.detail,
-            )
-        )
+        events.append(cycle.event(failure))
     except Stopped:
         pass
     except mujoco.FatalError as error:
         detail = " ".join(str(error).split())
-        events.append(
-            Event(
-                reason="simulation_diverged",
-                stage=cycle.stage,
-                time=cycle.monitor.time,
-                detail=detail,
-            )
-        )
+        events.append(cycle.event(CycleFailure("simulation_diverged", detail)))
+    record.retries = cycle.retries
     record.events = cycle.monitor.events + events
     record.series = cycle.monitor.series()
     record.final = cycle.final()
@@ -223,22 +312,42 @@ def run_cycle(
     return record
 
 
-def _plan(cycle: _Cycle, record: CycleRecord) -> list[TimedMotion]:
-    """Plan the cycle and note in the record what was asked and answered."""
+def _plan_again(cycle: _Cycle, record: CycleRecord) -> list[TimedMotion]:
+    """Look at the target again and plan the rest of the cycle from where the arm is."""
+    believed, drawn = look_again(cycle.simulation, cycle.target, cycle.setup)
+    cycle.retries[-1].drawn = drawn
+    return _plan(cycle, record, believed, q_start=cycle.controller.goal)
+
+
+def _plan(
+    cycle: _Cycle, record: CycleRecord, believed: Target, q_start: Array | None = None
+) -> list[TimedMotion]:
+    """Plan the cycle and add to the record what was asked and answered.
+
+    Args:
+        cycle: to plan for.
+        record: of it.
+        believed: the target as it is believed to be.
+        q_start: (6,) where the arm is [rad]; by default where the cycle starts.
+    """
     started = time.perf_counter()
-    believed = cycle.setup.variation.believed(cycle.target, cycle.scene)
     oracle = MujocoOracle(cycle.simulation, cycle.scene, believed)
+    clock = record.wall_clock
     try:
-        plan, motions = plan_cycle(cycle.simulation, believed, cycle.setup, oracle)
+        plan, motions = plan_cycle(cycle.simulation, believed, cycle.setup, oracle, q_start=q_start)
     finally:
-        record.wall_clock["plan_time_s"] = time.perf_counter() - started
-    record.wall_clock["ik_time_s"] = plan.seconds_per_pose
-    record.slowed_to = min(motion.slowed_to for motion in motions)
+        clock["plan_time_s"] = clock.get("plan_time_s", 0.0) + time.perf_counter() - started
+    clock["ik_time_s"] = plan.seconds_per_pose
+    slowed_to = min(motion.slowed_to for motion in motions)
+    record.slowed_to = min(slowed_to, record.slowed_to or 1.0)
     record.p_base_release = plan.p_base_release
-    record.sampled_motions = plan.sampled_motions
-    T_base_tcp = plan.solved.T_base_palm @ cycle.scene.robot.T_palm_tcp
-    record.ik_tcp = position_quaternion(T_base_tcp)
-    record.ik_offset_m, record.ik_offset_rad = ik_offsets(cycle.simulation, plan.solved)
+    record.sampled_motions += plan.sampled_motions
+    poses = position_quaternion(plan.solved.T_base_palm @ cycle.scene.robot.T_palm_tcp)
+    offset_m, offset_rad = ik_offsets(cycle.simulation, plan.solved)
+    record.ik_tcp = np.concatenate([record.ik_tcp, poses])
+    record.ik_offset_m = np.concatenate([record.ik_offset_m, offset_m])
+    record.ik_offset_rad = np.concatenate([record.ik_offset_rad, offset_rad])
     for legs, motion in zip(plan.motions, motions, strict=True):
-        record.clearance_m |= least_clearance(legs, motion.trajectory, oracle)
+        for stage, found in least_clearance(legs, motion.trajectory, oracle).items():
+            record.clearance_m[stage] = min(found, record.clearance_m.get(stage, found))
     return motions

@@ -139,6 +139,7 @@ def score_episode(
             scope=config.scope,
             clearance=config.clearance,
             randomization=block,
+            retries=config.retries,
             probe=onlooker,
         )
 

@@ -200,6 +200,7 @@ def run_episode(
     scope: str | None = None,
     clearance: float = CLEARANCE_FREE,
     randomization: Randomization | None = None,
+    retries: int = 0,
     probe: Probe | None = None,
 ) -> Iterator[CycleScore]:
     """Run the cycles of one episode, yielding each score as it is finished.
@@ -224,6 +225,7 @@ def run_episode(
             scope=scope,
             clearance=clearance,
             variation=variation,
+            retries=retries,
         )
         record = run_cycle(simulation, target, setup, probe=probe)
         score = score_cycle(record, time_limit=scene.time_limit)

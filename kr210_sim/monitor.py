@@ -88,6 +88,11 @@ class Monitor:
             series["tcp_commanded"] = position_quaternion(series["tcp_commanded"])
         return series
 
+    def start_over(self) -> None:
+        """Judge the grasp anew: the last one was given up, and what befell it is kept elsewhere."""
+        self.events, self.lifted, self.released = [], False, False
+        self._lift_off, self.pressing_for = None, 0.0
+
     def observe(self, rows: Array, commands: Commands, stage: str) -> None:
         """Take in the measurements (n, m) of the physics steps of one record step."""
         if not len(rows):

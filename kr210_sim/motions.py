@@ -39,6 +39,7 @@ class CycleSetup:
             planner tries.
         clearance: kept to everything outside the cells [m].
         variation: what the planner and the controller do not know.
+        retries: how many further tries at the grasp are allowed.
     """
 
     cycle: int
@@ -50,6 +51,7 @@ class CycleSetup:
     scope: str | None = None
     clearance: float = CLEARANCE_FREE
     variation: Variation = field(default_factory=Variation)
+    retries: int = 0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -73,6 +75,7 @@ def plan_cycle(
     setup: CycleSetup,
     oracle: MujocoOracle,
     p_base_release: Array | None = None,
+    q_start: Array | None = None,
 ) -> tuple[CyclePlan, list[TimedMotion]]:
     """Plan a pick and place that ends at home, paths and their timing; nothing moves.
 
@@ -83,6 +86,7 @@ def plan_cycle(
         oracle: answers for clearance in this world.
         p_base_release: (3,) where to release at the top of the place volume; by default where
             the most room is.
+        q_start: (6,) where the arm is [rad]; by default where the cycle starts.
 
     Raises:
         CycleFailure: unreachable, joint_limits, no_path or bad_ik.
@@ -99,7 +103,7 @@ def plan_cycle(
     )
     plan = planner.plan(
         q_home=np.zeros(6),
-        q_start=setup.variation.q_start,
+        q_start=setup.variation.q_start if q_start is None else q_start,
         picks=pick_options(target.T_base_target, scene.cell(target.cell).T_base_cell),
         places=place_options(p_base_release),
     )

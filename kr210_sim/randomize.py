@@ -175,6 +175,7 @@ QUANTITIES: dict[str, Quantity] = {
     "actuator_delay_s": Quantity(low=0.0, high=0.05),
     "payload_kg": Quantity(low=0.0, high=1e4),
     "start_rad": Quantity(low=-1.0, high=1.0, count=6),
+    "perceived_depth_m": Quantity(),
 }
 """In an order that never changes: a quantity's place decides which random stream is its own."""
 

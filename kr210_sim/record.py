@@ -30,8 +30,10 @@ STAGES = (
     "RETREAT",
     "MOVE_HOME",
     "SETTLE",
+    "BACK_OUT",
 )
-"""The stages of a cycle; SETTLE waits, arm at home, until the target rests."""
+"""The stages of a cycle; SETTLE waits, arm at home, until the target rests. BACK_OUT comes before
+another try: the arm stops, opens, goes straight back out of the cell and waits for a new look."""
 
 FREE_STAGES = frozenset({"MOVE_TO_PICK", "MOVE_TO_PLACE", "MOVE_HOME"})
 """Motions outside cell and place volume."""
@@ -57,6 +59,21 @@ class Event:
 
 
 @dataclass(kw_only=True)
+class Retry:
+    """An attempt at the grasp that was given up for another.
+
+    Attributes:
+        event: what it failed for, and when the gripper noticed it.
+        until: when the next attempt began [s]; None if there was none.
+        drawn: quantity -> value of what was drawn for the new look.
+    """
+
+    event: Event
+    until: float | None = None
+    drawn: dict[str, Any] = field(default_factory=dict)
+
+
+@dataclass(kw_only=True)
 class CycleRecord:
     """One cycle as it was planned, commanded, measured; `score.score_cycle` judges it.
 
@@ -67,9 +84,10 @@ class CycleRecord:
         target: mass [kg], radius and length [m] of the target.
         drawn: quantity -> value of everything random about it, empty without randomisation.
         series: name -> (n, ...) array over record steps; `SERIES` explains each.
-        events: in order of time; the first is the cause of a failure.
+        events: of the last attempt in order of time; the first is the cause of a failure.
+        retries: attempts that were given up for another, in order.
         final: name -> number at the end of the cycle; null where it was not reached.
-        p_base_release: (3,) planned release point, or None without a plan.
+        p_base_release: (3,) planned release point of the last attempt, or None without a plan.
         sampled_motions: stages whose path comes from the sampling planner.
         ik_tcp: (N, 7) the poses that the IK was asked for, as `POINTS` explains.
         ik_offset_m, ik_offset_rad: (N,) offsets of the answers.
@@ -89,6 +107,7 @@ class CycleRecord:
     drawn: dict[str, Any] = field(default_factory=dict)
     series: dict[str, Array] = field(default_factory=dict)
     events: list[Event] = field(default_factory=list)
+    retries: list[Retry] = field(default_factory=list)
     final: dict[str, float] = field(default_factory=dict)
     p_base_release: Array | None = None
     sampled_motions: tuple[str, ...] = ()

@@ -32,10 +32,13 @@ class CycleScore:
 
     Attributes:
         conditions: name -> whether it holds, all of `criteria.CONDITIONS`; None if nothing moved.
-        cause: the first cause of the failure, None on success.
+            `lifted` and `held` are those of the last attempt at the grasp, the others of all.
+        cause: the first cause of the failure in the last attempt, None on success.
+        retried: attempts that were given up for another, as `cycles.jsonl` has them.
         cycle_time_s: from leaving home to the return to it [s], None if it did not return.
         motion_time_s: time in the motion stages [s].
-        grasp_slip_m, grasp_slip_rad: largest from lift-off to release; None if never lifted.
+        grasp_slip_m, grasp_slip_rad: largest from lift-off to release in the last attempt; None if
+            never lifted.
         grasp: how well the target was held meanwhile, see `_grasp`; None if never lifted.
         place_offset_m: horizontal distance of the resting target from its planned release point.
         ik_offset_m, ik_offset_rad: (N,) of every solved pose.
@@ -45,6 +48,7 @@ class CycleScore:
 
     conditions: dict[str, bool | None]
     cause: Event | None
+    retried: list[dict[str, Any]]
     cycle_time_s: float | None
     motion_time_s: float | None
     grasp_slip_m: float | None
@@ -78,6 +82,9 @@ class CycleScore:
             "target": record.target,
             "drawn": record.drawn,
             "success": self.success,
+            "first_try": self.success and not self.retried,
+            "retries": len(self.retried),
+            "retried": self.retried,
             "failed_stage": cause.stage if cause else None,
             "reason": cause.reason if cause else None,
             "failed_time_s": cause.time if cause else None,
@@ -117,13 +124,14 @@ def score_cycle(record: CycleRecord, *, time_limit: float) -> CycleScore:
     if not series:  # it failed before anything moved
         untried: dict[str, bool | None] = dict.fromkeys(CONDITIONS)
         return _score(record, untried, _first_cause(record, untried))
-    carrying = _carrying(record)
+    last = _attempt(record, len(record.retries))
+    carrying = _carrying(record, last)
     conditions: dict[str, bool | None] = {
-        "lifted": bool(np.max(series["clear_height_max"]) >= LIFT_HEIGHT_LIMIT),
+        "lifted": _lifted(record, last),
         "held": bool(
             carrying.any()
             and np.all(series["fingers_touch"][carrying] == 1)
-            and np.max(series["slip_m_max"]) < SLIP_LIMIT
+            and np.max(series["slip_m_max"][last]) < SLIP_LIMIT
         ),
         "clean": bool(np.max(series["foreign_contacts_max"]) == 0),
         "within_limits": bool(
@@ -143,11 +151,44 @@ def score_cycle(record: CycleRecord, *, time_limit: float) -> CycleScore:
     return _score(record, conditions, _first_cause(record, conditions))
 
 
-def _carrying(record: CycleRecord) -> NDArray[np.bool_]:
-    """Return the record steps (n,) from the lift at the height that counts to the release."""
-    clear = record.series["clear_height_max"] >= LIFT_HEIGHT_LIMIT
+def _attempt(record: CycleRecord, index: int) -> NDArray[np.bool_]:
+    """Return the record steps (n,) of an attempt, until it was given up if it was."""
+    time, retries = record.series["time"], record.retries
+    begin = retries[index - 1].until if index else 0.0
+    end = retries[index].event.time if index < len(retries) else np.inf
+    return (time > (np.inf if begin is None else begin)) & (time <= end)
+
+
+def _carrying(record: CycleRecord, attempt: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Return its record steps (n,) from the lift at the height that counts to release or end."""
+    clear = attempt & (record.series["clear_height_max"] >= LIFT_HEIGHT_LIMIT)
     lifted = np.arange(len(clear)) >= (int(np.argmax(clear)) if clear.any() else len(clear))
-    return lifted & record.stage_mask(_CARRYING)
+    return attempt & lifted & record.stage_mask(_CARRYING)
+
+
+def _lifted(record: CycleRecord, attempt: NDArray[np.bool_]) -> bool:
+    """Tell whether the target was held clear at the height that counts in an attempt."""
+    return bool(np.any(record.series["clear_height_max"][attempt] >= LIFT_HEIGHT_LIMIT))
+
+
+def _retried(record: CycleRecord) -> list[dict[str, Any]]:
+    """Return the attempts that were given up, as `cycles.jsonl` has them."""
+    found = []
+    for index, retry in enumerate(record.retries):
+        event = retry.event
+        lifted = _lifted(record, _attempt(record, index))
+        found.append(
+            {
+                "reason": event.reason,
+                "stage": event.stage,
+                "time_s": event.time,
+                "detail": event.detail,
+                "lifted": lifted,
+                "until_s": retry.until,
+                "drawn": retry.drawn,
+            }
+        )
+    return found
 
 
 def _first_cause(record: CycleRecord, conditions: dict[str, bool | None]) -> Event | None:
@@ -167,6 +208,7 @@ def _score(
 ) -> CycleScore:
     series = record.series
     moving = record.stage_mask(MOTION_STAGES) if series else np.zeros(0, dtype=bool)
+    last = _attempt(record, len(record.retries)) if series else np.zeros(0, dtype=bool)
     lifted = conditions["lifted"]
     offset = None
     if record.p_base_release is not None and conditions["placed"]:
@@ -175,11 +217,12 @@ def _score(
     return CycleScore(
         conditions=conditions,
         cause=cause,
+        retried=_retried(record),
         cycle_time_s=record.home_time,
         motion_time_s=_motion_time(record, moving) if record.home_time is not None else None,
-        grasp_slip_m=float(np.max(series["slip_m_max"])) if lifted else None,
-        grasp_slip_rad=float(np.max(series["slip_rad_max"])) if lifted else None,
-        grasp=_grasp(record),
+        grasp_slip_m=float(np.max(series["slip_m_max"][last])) if lifted else None,
+        grasp_slip_rad=float(np.max(series["slip_rad_max"][last])) if lifted else None,
+        grasp=_grasp(record, last),
         place_offset_m=offset,
         ik_offset_m=record.ik_offset_m,
         ik_offset_rad=record.ik_offset_rad,
@@ -188,7 +231,7 @@ def _score(
     )
 
 
-def _grasp(record: CycleRecord) -> dict[str, Any] | None:
+def _grasp(record: CycleRecord, attempt: NDArray[np.bool_]) -> dict[str, Any] | None:
     """Return how well a target was held from the height that counts to the release, if it was.
 
     Returns:
@@ -200,13 +243,13 @@ def _grasp(record: CycleRecord) -> dict[str, Any] | None:
             Sampled at every record step, like the force.
     """
     series = record.series
-    if not series or not (carrying := _carrying(record)).any():
+    if not series or not (carrying := _carrying(record, attempt)).any():
         return None
     steps = np.diff(series["time"], prepend=0.0)[carrying]
     force = np.min(series["finger_force"][carrying], axis=1)
     friction = float(record.drawn.get("pad_friction", PAD_FRICTION))
     return {
-        "slip_rate_um_s": 1e6 * float(np.max(series["slip_m_max"]) / np.sum(steps)),
+        "slip_rate_um_s": 1e6 * float(np.max(series["slip_m_max"][attempt]) / np.sum(steps)),
         "grip_force_n": {"min": float(np.min(force)), "mean": float(np.mean(force))},
         "contacts": int(np.min(series["finger_contacts_min"][carrying])),
         "slip_margin": 1.0 - float(np.max(series["friction_ratio"][carrying])) / friction,

@@ -74,8 +74,7 @@ class Stepping:
         if self.simulation.diverged or not np.all(np.isfinite(rows)):
             raise CycleFailure("simulation_diverged", "MuJoCo reports an impossible state")
         self.monitor.observe(rows, commands, self.stage)
-        if self.monitor.events:
-            raise Stopped
+        self.judge(rows)
         error = np.abs(self.monitor.q - commands.q[-1])
         if np.max(error) > TRACKING_LIMIT:
             joint = self.scene.robot.arm_joints[int(np.argmax(error))]
@@ -83,6 +82,11 @@ class Stepping:
             raise CycleFailure("tracking", detail)
         if self.home_time is None and self.monitor.time > self.scene.time_limit:
             raise CycleFailure("timeout", f"not home after {self.scene.time_limit:g} s")
+
+    def judge(self, rows: Array) -> None:
+        """Stop the cycle if a condition broke in a record step with measurements (n, m)."""
+        if self.monitor.events:
+            raise Stopped
 
     def _advance_together(self, count: int) -> bool:
         """Simulate record steps if nothing happens in them; else change nothing."""
@@ -132,7 +136,7 @@ class Stepping:
         self,
         done: Callable[[], bool],
         limit: float,
-        failure: CycleFailure,
+        failure: Exception,
         least: Callable[[], float] = lambda: 0.0,
     ) -> None:
         """Advance until a condition on the simulation holds, or fail.

@@ -46,9 +46,8 @@ def summarize(
     """
     gates, requested = config.gates(), requested or config.cycles
     tally = _Tally(lines, gates.watch(), FirstCauses(config))
-    cycles, succeeded = tally.cycles, tally.succeeded
+    cycles, succeeded, spreads = tally.cycles, tally.succeeded, tally.spreads()
     complete = stopped_early or cycles == requested
-    spreads = tally.spreads()
     judged = gates.judge(succeeded, cycles, tally.watch, spreads)
     missed = [name for name, gate in judged.items() if not gate["met"]]
     return {
@@ -60,6 +59,8 @@ def summarize(
         "succeeded": succeeded,
         "success_rate": judged["min_success"]["value"],
         "ci95": list(success_interval(succeeded, cycles)) if cycles else None,
+        "first_try": tally.first_try(),
+        "retries": tally.retries(config.retries),
         "min_success": config.min_success,
         "gates": judged,
         "gates_missed": missed,
@@ -72,12 +73,17 @@ def summarize(
         "min_clearance_m": tally.least["min_clearance_m"],
         "wall_time_s": wall_time_s,
         "realtime_factor": simulated_s / wall_time_s if wall_time_s > 0 else None,
-        "failures": dict(sorted(tally.reasons.items(), key=lambda item: (-item[1], item[0]))),
+        "failures": _counted(tally.reasons),
         "first_causes": tally.causes.as_json(),
         "lost_workers": [dict(loss) for loss in lost_workers],
         "limits": _limits(limits),
         "notes": list(notes),
     }
+
+
+def _counted(reasons: Counter[str]) -> dict[str, int]:
+    """Return counts by reason, the most frequent first."""
+    return dict(sorted(reasons.items(), key=lambda item: (-item[1], item[0])))
 
 
 def _limits(limits: MotionLimits) -> dict[str, list[float]]:
@@ -101,7 +107,8 @@ class _Tally:
         self, lines: Iterable[Mapping[str, Any]], watch: Watch | None, causes: FirstCauses
     ) -> None:
         self.watch, self.causes = watch, causes
-        self.cycles = self.succeeded = 0
+        self.cycles = self.succeeded = self.succeeded_at_first = 0
+        self.retried: Counter[str] = Counter()
         self.sampled_motions = 0
         self.slowed = 0
         self.least: dict[str, float | None] = dict.fromkeys(("min_clearance_m", "slowed_to"))
@@ -115,6 +122,8 @@ class _Tally:
         self.cycles += 1
         self.succeeded += line["success"]
         self.causes.add(line)
+        self.succeeded_at_first += line["first_try"]
+        self.retried.update(attempt["reason"] for attempt in line["retried"])
         if self.watch is not None:
             self.watch.see(line["success"])
         self.sampled_motions += len(line["sampled_motions"])
@@ -132,6 +141,24 @@ class _Tally:
         for name, values in self._values.items():
             if known.get(name) is not None:
                 values.append(known[name])
+
+    def first_try(self) -> dict[str, Any]:
+        """Return how many cycles succeeded without another try at the grasp."""
+        known = self.cycles > 0
+        return {
+            "succeeded": self.succeeded_at_first,
+            "rate": self.succeeded_at_first / self.cycles if known else None,
+            "ci95": list(success_interval(self.succeeded_at_first, self.cycles)) if known else None,
+        }
+
+    def retries(self, allowed: int) -> dict[str, Any]:
+        """Return how often a grasp was tried again, for what, and how many cycles that saved."""
+        return {
+            "allowed": allowed,
+            "made": self.retried.total(),
+            "reasons": _counted(self.retried),
+            "recovered": self.succeeded - self.succeeded_at_first,
+        }
 
     def _note_least(self, name: str, value: float | None) -> None:
         known = [least for least in (self.least[name], value) if least is not None]
@@ -152,14 +179,21 @@ HEADER = (
 
 def cycle_line(line: Mapping[str, Any]) -> str:
     """Return the row of one cycle, as `cycles.jsonl` has it, in the table under `HEADER`."""
+    verdict = line["reason"] or "success"
+    if line["success"] and line["retries"]:
+        verdict += f", try {line['retries'] + 1}"
     row = (
-        f"{line['cycle']:>5} {line['seed']:>10} {line['cell']:>4}  "
-        f"{line['reason'] or 'success':<16} "
+        f"{line['cycle']:>5} {line['seed']:>10} {line['cell']:>4}  {verdict:<16} "
         f"{_number(line['cycle_time_s'], 1, 2):>6} {_number(line['grasp_slip_m'], 1e3, 2):>7} "
         f"{_number(line['place_offset_m'], 1e3, 0):>8} "
         f"{_number(line['tracking_offset_m']['max'], 1e3, 2):>8} "
         f"{_exponent(line['ik_offset_m']['max']):>11}"
     )
+    for number, attempt in enumerate(line["retried"], start=1):
+        row += (
+            f"\n      try {number}: {attempt['reason']}, {attempt['stage']} at "
+            f"{attempt['time_s']:.2f} s: {attempt['detail']}"
+        )
     if line["reason"] is not None:
         row += f"\n      {line['failed_stage']} at {line['failed_time_s']:.2f} s: {line['detail']}"
     return row
@@ -192,6 +226,7 @@ def summary_text(summary: dict[str, Any]) -> str:
     lines = [
         f"{succeeded} of {cycles} cycles succeeded ({100 * summary['success_rate']:.1f} %, 95 % "
         f"interval {100 * low:.1f} to {100 * high:.1f} %); gate {summary['min_success']:g}: {gate}",
+        *_tries(summary),
         f"proves         a success rate {reach} with 95 % confidence (exact), and no more",
         *_tested(summary["gates"]["min_success"]),
         f"cycle time     mean {_number(summary['cycle_time_s']['mean'], 1, 2)} s, "
@@ -224,6 +259,21 @@ def summary_text(summary: dict[str, Any]) -> str:
         )
     lines += [f"note           {note}" for note in summary["notes"]]
     return "\n".join(lines)
+
+
+def _tries(summary: dict[str, Any]) -> list[str]:
+    """Return what the first try did and what further ones added, if any were allowed."""
+    first, retries = summary["first_try"], summary["retries"]
+    if not retries["allowed"]:
+        return []
+    low, high = first["ci95"]
+    counted = ", ".join(f"{reason} {count}" for reason, count in retries["reasons"].items())
+    return [
+        f"first try      {first['succeeded']} of {summary['cycles']} succeeded "
+        f"({100 * first['rate']:.1f} %, 95 % interval {100 * low:.1f} to {100 * high:.1f} %)",
+        f"after retries  {retries['recovered']} more succeeded; {retries['made']} retries, at most "
+        f"{retries['allowed']} a cycle" + (f", for {counted}" if counted else ""),
+    ]
 
 
 def exit_text(summary: dict[str, Any]) -> str:

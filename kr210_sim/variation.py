@@ -41,6 +41,7 @@ class Variation:
         delay: by which commands reach the servos late [s].
         payload: mass at the TCP that no controller knows of [kg].
         q_start: (6,) configuration the cycle starts from [rad], None for home.
+        draws: where the errors of further looks at the target come from, None for no errors.
     """
 
     drawn: dict[str, Value] = field(default_factory=dict)
@@ -51,6 +52,15 @@ class Variation:
     delay: float = 0.0
     payload: float = 0.0
     q_start: Array | None = None
+    draws: Draws | None = None
+
+    def look(
+        self, T_base_target: Array, T_base_cell: Array
+    ) -> tuple[Array | None, dict[str, Value]]:
+        """Look at a target once more: its pose as seen, None if as it is, and what was drawn."""
+        if self.draws is None:
+            return None, {}
+        return _look(T_base_target, T_base_cell, self.draws)
 
     def believed(self, target: Target, scene: Scene) -> Target:
         """Return a target as planning takes it to be.
@@ -164,37 +174,41 @@ def _vary(
         com=number("target_com_m", target.com),
         friction=own("target_friction"),
     )
-    shift, turn = vector("perceived_shift_m"), vector("perceived_turn_rad")
+    T_base_perceived, errors = _look(
+        target.T_base_target, scene.cell(target.cell).T_base_cell, draws
+    )
+    drawn.update(errors)
     mass = randomization.bounds("target_mass_kg")
     variation = Variation(
         drawn=drawn,
         mass_at_most=None if mass is None else mass[1],
-        T_base_perceived=_perceived(target.T_base_target, shift, turn),
+        T_base_perceived=T_base_perceived,
         pad_friction=own("pad_friction"),
         gain=vector("actuator_gain"),
         delay=number("actuator_delay_s", 0.0),
         payload=number("payload_kg", 0.0),
         q_start=_start(room, target, draws, drawn, randomization),
+        draws=draws,
     )
     return target, variation
 
 
-def _perceived(T: Array, shift: Array | None, turn: Array | None) -> Array | None:
-    """Return a pose (4, 4) as seen with an error; None if it is seen as it is.
-
-    Args:
-        T: the true pose in the base frame.
-        shift: (3,) error of the position in the base frame [m].
-        turn: (3,) error of the orientation, a rotation vector in the base frame [rad].
-    """
-    if shift is None and turn is None:
-        return None
-    seen = T.copy()
-    if shift is not None:
+def _look(
+    T_base_target: Array, T_base_cell: Array, draws: Draws
+) -> tuple[Array | None, dict[str, Value]]:
+    """Return a pose (4, 4) as seen with errors, None if it is seen as it is, and these errors."""
+    drawn: dict[str, Value] = {}
+    seen = T_base_target.copy()
+    if "perceived_shift_m" in draws:
+        drawn["perceived_shift_m"] = shift = draws.vector("perceived_shift_m")
         seen[:3, 3] += shift
-    if turn is not None:
+    if "perceived_turn_rad" in draws:
+        drawn["perceived_turn_rad"] = turn = draws.vector("perceived_turn_rad")
         seen[:3, :3] = Rotation.from_rotvec(turn).as_matrix() @ seen[:3, :3]
-    return seen
+    if "perceived_depth_m" in draws:
+        drawn["perceived_depth_m"] = depth = draws.number("perceived_depth_m")
+        seen[:3, 3] += depth * T_base_cell[:3, 0]
+    return (seen if drawn else None), drawn
 
 
 def _placed(

@@ -28,7 +28,6 @@ from kr210_sim.runner import run
 from kr210_sim.scene import Scene, Target, build_scene, find_scene
 from kr210_sim.score import CycleScore, score_cycle
 from kr210_sim.simulation import Simulation
-from kr210_sim.tracks import Solver
 
 TURNED_2X2 = Path(__file__).parent / "scenes" / "turned_2x2.xml"
 
@@ -166,14 +165,15 @@ def one_cycle(scene: Scene, limits: MotionLimits) -> RunOneCycle:
         world: Scene | None = None,
         simulation: Simulation | None = None,
         target: Target | None = None,
-        solver: Solver | None = None,
+        **of_setup: Any,
     ) -> CycleScore:
         place = world or (simulation.scene if simulation else scene)
         simulation = simulation or Simulation(place)
         target = target or standing_target(place, cell)
         if target.name not in simulation.targets:
             simulation.add(target)
-        setup = CycleSetup(cycle=target.number, episode=0, seed=0, limits=limits, solver=solver)
+        given = {"cycle": target.number, "episode": 0, "seed": 0, "limits": limits} | of_setup
+        setup = CycleSetup(**given)
         record = run_cycle(simulation, target, setup, probe=probe)
         return score_cycle(record, time_limit=place.time_limit)
 

@@ -31,7 +31,8 @@ def line_of(episode, index: int) -> dict:
     success = episode.seeds[index] % 8 != 0
     return {
         "cycle": episode.first_cycle + index, "episode": episode.index, "cell": 1,
-        "seed": episode.seeds[index], "success": success,
+        "seed": episode.seeds[index], "success": success, "first_try": success,
+        "retries": 0, "retried": [],
         "reason": None if success else "dropped", "failed_stage": None if success else "LIFT",
         "failed_time_s": None if success else 1.5, "detail": None if success else "as written",
         "cycle_time_s": 5.0, "motion_time_s": 4.0, "sampled_motions": [], "slowed_to": 1.0,
