@@ -12,7 +12,17 @@ from collections.abc import Sequence
 from typing import Any, NoReturn
 
 from kr210_sim.exceptions import BadInput, NotWritten
-from kr210_sim.verbs import compare, convert, dh, grade, ik, render, run, view
+from kr210_sim.verbs import (
+    compare,
+    convert,
+    dh,
+    grade,
+    ik,
+    render,
+    report,
+    run,
+    view,
+)
 from kr210_sim.verbs.common import (
     EXIT_BAD_INPUT,
     EXIT_INTERNAL,
@@ -80,6 +90,6 @@ def _parser() -> argparse.ArgumentParser:
     parser = _Parser(prog="kr210-sim", description="KUKA KR210 pick and place in MuJoCo, scored.")
     add_version(parser)
     verbs = parser.add_subparsers(metavar="VERB", required=True)
-    for verb in (run, render, view, grade, ik, dh, convert, compare):
+    for verb in (run, report, render, view, grade, ik, dh, convert, compare):
         verb.add(verbs)
     return parser

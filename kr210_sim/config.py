@@ -37,7 +37,7 @@ EPISODE_CYCLES = 10
 """Cycles in one scene; targets that earlier cycles placed stay in the bin."""
 
 FREE = frozenset(
-    {"cycles", "jobs", "backend", "resume", "out", "json", "junit"}
+    {"cycles", "jobs", "backend", "resume", "out", "json", "junit", "report"}
     | {"video", "camera", "size", "fps"}
     | {"min_success", "confidence", "stop_early", "indifference"}
     | {"max_ik_offset", "max_cycle_time", "viewer", "viewer_speed", "host", "port"}
@@ -153,6 +153,7 @@ class RunConfig:
     )
     size: str = _option(SIZE, "size of the film [pixels]", "WxH")
     fps: float = _option(FPS, "frames a second of the film", "N")
+    report: bool = _option(False, "also write <out>/report.html, one page with everything")
 
     viewer: str | None = _option(
         None, "watch the run: web, a page in the browser, or native, MuJoCo's window", "NAME"

@@ -41,8 +41,12 @@ def named(path: Path) -> Iterator[None]:
 
 def write_json(path: Path, content: Mapping[str, Any]) -> None:
     """Write a JSON file whole or not at all."""
+    write_text(path, json.dumps(content, indent=2, allow_nan=False) + "\n")
+
+
+def write_text(path: Path, text: str) -> None:
+    """Write a text file whole or not at all."""
     part = path.with_name(path.name + _PART)
-    text = json.dumps(content, indent=2, allow_nan=False) + "\n"
     with named(path), no_interrupt():
         try:
             part.write_text(text, encoding="utf-8")

@@ -24,6 +24,8 @@ WITHOUT_MUJOCO = (
     "arrays", "compare", "config", "criteria", "exceptions", "failures", "gates", "legs", "path",
     "planning", "proof", "randomize", "record", "resources", "sampling", "score", "stats",
     "success_map", "summary", "task", "tcp_limits", "time_law", "tracks", "trajectory",
+    "plots.cycle_plots", "plots.recorded", "plots.run_plots", "plots.space_plot", "plots.theme",
+    "report.page", "report.reading", "report.write",
 )  # fmt: skip
 
 

@@ -25,6 +25,7 @@ from kr210_sim.verbs.common import (
     add_version,
     film_with_bar,
 )
+from kr210_sim.verbs.report import report_on
 from kr210_sim.verbs.showing import watching
 
 
@@ -93,6 +94,8 @@ def _run(options: argparse.Namespace) -> int:
             print(json.dumps(summary, indent=2, allow_nan=False), flush=True)
         if film is not None:
             print(f"film           {film(out) or 'none: no cycle has a record'}", file=text)
+        if config.report:
+            print(f"report         {report_on(out)}", file=text)
         print(exit_text(summary), file=text, flush=True)
     return EXIT_PASSED if summary["passed"] else EXIT_GATE
 

@@ -1,0 +1,344 @@
+"""The report of a run: one valid page with everything in it, and one line for what is no run."""
+
+from __future__ import annotations
+
+import json
+import re
+import shlex
+import shutil
+from collections import Counter
+from itertools import pairwise
+from pathlib import Path
+
+import html5lib
+import numpy as np
+import pytest
+from drawn_runs import DROPPED, SCENERY, make_record, make_run
+
+from kr210_sim.cli import main
+from kr210_sim.config import RunConfig
+from kr210_sim.exceptions import BadInput
+from kr210_sim.record import CycleRecord
+from kr210_sim.report import page, reading
+from kr210_sim.report.reading import read_run
+from kr210_sim.report.write import write_report
+
+HTML = "{http://www.w3.org/1999/xhtml}"
+SVG = "{http://www.w3.org/2000/svg}"
+HEADINGS = tuple(f"{HTML}h{level}" for level in range(1, 7))
+
+
+def parsed(path: Path):
+    """The page as a tree; any error of its HTML is one of the test."""
+    return html5lib.HTMLParser(strict=True).parse(path.read_text(encoding="utf-8"))
+
+
+def text_of(element) -> str:
+    return " ".join(" ".join(element.itertext()).split())
+
+
+@pytest.fixture(scope="module")
+def page_of_three(tmp_path_factory):
+    """The report of a run with a failure, a success, and a cycle in which nothing moved."""
+    out = tmp_path_factory.mktemp("runs") / "a&b <script>alert(1)"
+    still = CycleRecord(cycle=2, episode=0, seed=7, cell=2, target={}, events=[DROPPED])
+    still.events = [type(DROPPED)(reason="no_path", stage="MOVE_TO_PICK", time=0.0, detail="\"'<&")]
+    make_run(out, [make_record(0), make_record(1, DROPPED), still], min_success=0.9)
+    return write_report(read_run(out), SCENERY)
+
+
+# ---- the page -------------------------------------------------------------------------------
+
+
+def test_the_page_is_valid_html_that_needs_nothing_else(page_of_three):
+    tree = parsed(page_of_three)
+    for element in tree.iter():
+        assert element.tag not in {f"{HTML}{tag}" for tag in ("script", "link", "img", "iframe")}
+        for name in ("src", "href", "{http://www.w3.org/1999/xlink}href"):
+            assert element.get(name, "#").startswith("#"), element.attrib
+    assert "url(http" not in page_of_three.read_text()
+    assert "@import" not in page_of_three.read_text()
+
+
+def test_every_link_of_the_page_leads_somewhere_and_every_id_is_there_once(page_of_three):
+    tree = parsed(page_of_three)
+    ids = Counter(element.get("id") for element in tree.iter() if element.get("id"))
+    assert max(ids.values()) == 1
+    links = {element.get("href") for element in tree.iter() if element.get("href")}
+    assert {link[1:] for link in links} <= set(ids)
+    named = {part for e in tree.iter() for part in re.findall(r"url\(#([^)]+)\)", str(e.attrib))}
+    assert named <= set(ids)
+    assert {f"cycle-{cycle}" for cycle in range(3)} <= set(ids)
+
+
+def test_the_page_can_be_read_without_eyes_and_mouse(page_of_three):
+    tree = parsed(page_of_three)
+    assert tree.get("lang") == "en"
+    assert len(list(tree.iter(f"{HTML}main"))) == len(list(tree.iter(f"{HTML}h1"))) == 1
+    levels = [int(e.tag[-1]) for e in tree.iter() if e.tag in HEADINGS]
+    assert all(after <= before + 1 for before, after in pairwise(levels))
+    drawings = list(tree.iter(f"{SVG}svg"))
+    assert len(drawings) >= 10
+    assert all(d.get("role") == "img" and len(d.get("aria-label")) > 20 for d in drawings)
+    boxes = [e for e in tree.iter(f"{HTML}div") if e.get("class") == "scroll"]
+    assert boxes
+    assert all(box.get("tabindex") == "0" and box.get("aria-label") for box in boxes)
+    assert all(cell.get("scope") in ("col", "row") for cell in tree.iter(f"{HTML}th"))
+
+
+def test_the_verdict_comes_first_with_what_it_proves(page_of_three):
+    body = text_of(next(parsed(page_of_three).iter(f"{HTML}main")))
+    assert body.index("✗ Failed") < body.index("Failures by first cause") < body.index("Plots")
+    assert "1 of 3 proves a success rate between 0.8 and 90.6 % with 95 % confidence" in body
+    assert "success rate, at least 90 % 33.3 % missed" in body
+
+
+def test_failures_stand_by_first_cause_with_time_stage_and_what_happened(page_of_three):
+    tree = parsed(page_of_three)
+    section = next(e for e in tree.iter(f"{HTML}section") if e.get("id") == "failures")
+    text = text_of(section)
+    assert "dropped : 1 of 3 cycles" in text
+    assert "1 0.22 move to place a finger lost <b>it</b> 2 1001" in text
+    assert "no_path : 1 of 3 cycles" in text
+    assert "2 0.00 move to pick \"'<& 2 7" in text
+
+
+def test_failed_cycles_are_open_and_a_cycle_that_did_not_move_says_so(page_of_three):
+    details = [e for e in parsed(page_of_three).iter(f"{HTML}details") if e.get("class", "")]
+    cycles = [e for e in details if "cycle" in e.get("class")]
+    assert [e.get("open") is not None for e in cycles] == [False, True, True]
+    assert "nothing to plot" in text_of(cycles[2])
+
+
+def test_what_users_name_stays_text(page_of_three):
+    text = page_of_three.read_text()
+    assert "<script" not in text
+    assert "a finger lost <b>" not in text
+    assert "a &lt;note&gt;" in text
+
+
+def test_every_plot_is_a_file_too_and_nothing_else_is_left(page_of_three):
+    names = {path.name for path in (page_of_three.parent / "plots").iterdir()}
+    assert names == {"offsets.svg", "paths.svg", "stages.svg", "cells.svg"} | {
+        f"cycle-{cycle}-{kind}.svg" for cycle in (0, 1) for kind in ("joints", "grip", "path")
+    }
+    assert not list(page_of_three.parent.rglob("*.part"))
+
+
+def test_the_same_run_gives_the_same_page(tmp_path):
+    out = tmp_path / "run"
+    make_run(out, [make_record(0)], kept=False)
+    first = write_report(read_run(out), None).read_bytes()
+    assert write_report(read_run(out), None).read_bytes() == first
+
+
+def test_a_run_without_records_has_a_page_without_plots_that_says_so(tmp_path, capsys):
+    out = tmp_path / "run"
+    make_run(out, [make_record(0), make_record(1)], kept=False, record="none")
+    assert main(["report", str(out)]) == 0
+    assert capsys.readouterr().out.strip() == str(out / "report.html")
+    text = text_of(parsed(out / "report.html"))
+    assert "No plots: no record of a cycle was kept ( --record none )" in text
+    assert "Passed" in text
+
+
+def test_an_unfinished_run_is_called_so(tmp_path):
+    out = tmp_path / "run"
+    make_run(out, [make_record(0)], cycles=5, kept=False)
+    text = text_of(parsed(write_report(read_run(out), None)))
+    assert "Not complete" in text
+    assert "1 of 5 cycles are finished" in text
+
+
+def test_a_run_of_no_cycle_at_all_has_a_page(tmp_path):
+    out = tmp_path / "run"
+    make_run(out, [], cycles=5)
+    text = text_of(parsed(write_report(read_run(out), None)))
+    assert "No cycle was finished, so nothing is proved." in text
+
+
+def test_the_film_beside_the_page_is_shown(tmp_path):
+    out = tmp_path / "run"
+    make_run(out, [make_record(0)], kept=False)
+    (out / "film.mp4").write_bytes(b"film")
+    tree = parsed(write_report(read_run(out), None))
+    assert [video.get("src") for video in tree.iter(f"{HTML}video")] == ["film.mp4"]
+
+
+def test_a_page_that_cannot_be_written_leaves_the_old_one(tmp_path, capsys):
+    out = tmp_path / "run"
+    make_run(out, [make_record(0)], kept=False)
+    (out / "report.html").write_text("old")
+    (out / "plots").write_text("in the way")
+    assert main(["report", str(out)]) == 3
+    assert "plots" in capsys.readouterr().err
+    assert (out / "report.html").read_text() == "old"
+
+
+# ---- numbers and words ----------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("value", "text"),
+    [
+        (None, page.DASH),
+        (0.0, "0"),
+        (4.786, "4.79"),
+        (12.34, "12.3"),
+        (512.6, "513"),
+        (-0.5, "\N{MINUS SIGN}0.500"),
+        (1.7e-15, "1.7e-15"),
+        (123456.0, "1.2e+05"),
+    ],
+)
+def test_numbers_have_three_digits(value, text):
+    assert page.number(value) == text
+
+
+@pytest.mark.parametrize(
+    ("changes", "expected"),
+    [
+        ({}, ("good", "passed")),
+        ({"passed": False, "complete": False}, ("warn", "not complete")),
+        ({"passed": False, "gates": {"a": {"met": False}}}, ("bad", "failed")),
+        (
+            {"passed": False, "gates": {"a": {"met": False, "proof": {"verdict": "undecided"}}}},
+            ("warn", "undecided"),
+        ),
+    ],
+)
+def test_the_verdict_of_a_run(changes, expected):
+    assert page.verdict({"passed": True, "complete": True, "gates": {}} | changes) == expected
+
+
+def test_ten_of_ten_proves_no_more_than_it_does():
+    summary = {"cycles": 10, "succeeded": 10, "ci95": [0.6915, 1.0]}
+    assert "above 69.2 % with 95 % confidence, no more" in page.proof(summary)
+    assert "below" in page.proof({"cycles": 3, "succeeded": 0, "ci95": [0.0, 0.7]})
+
+
+def test_the_command_to_repeat_gives_the_same_options(tmp_path, monkeypatch):
+    config = RunConfig(
+        cycles=3, seed=5, cell="all", mass=2.5, gripper=True, scene="a b's.xml", jobs=2,
+        package=("one=/x y", "two=/z"), out=tmp_path, max_cycle_time=9.5, video="",
+    )  # fmt: skip
+    seen = []
+    monkeypatch.setattr("kr210_sim.runner.run", lambda config, **_: seen.append(config) or 1 / 0)
+    words = shlex.split(page.repeat_command(json.loads(json.dumps(config.as_json()))))
+    assert words[0] == "kr210-sim"
+    main(words[1:])
+    again = seen[0].as_json()
+    left_out = {name: RunConfig().as_json()[name] for name in ("jobs", "out", "video")}
+    assert again == config.as_json() | left_out
+
+
+# ---- long runs ------------------------------------------------------------------------------
+
+
+def test_of_a_long_run_the_failures_are_shown_first_and_the_page_says_so(tmp_path):
+    out = tmp_path / "run"
+    [line] = make_run(out, [make_record(0)], kept=False)
+    bad = line | {"success": False, "reason": "dropped", "failed_stage": "LIFT"}
+    bad |= {"failed_time_s": 1.0, "detail": "x"}
+    lines = [(bad if n % 50 == 49 else line) | {"cycle": n, "seed": n} for n in range(3000)]
+    (out / "cycles.jsonl").write_text("".join(json.dumps(each) + "\n" for each in lines))
+    summary = json.loads((out / "summary.json").read_text())
+    (out / "summary.json").write_text(json.dumps(summary | {"cycles": 3000, "succeeded": 2940}))
+    run = read_run(out)
+    shown = [row["cycle"] for row in run.rows]
+    assert len(shown) == reading.MOST_ROWS
+    assert shown == sorted(set(shown))
+    assert {n for n in range(3000) if n % 50 == 49} <= set(shown)
+    assert run.counts == {"dropped": 60}
+    assert len(run.failures["dropped"]) == reading.MOST_OF_A_REASON
+    path = write_report(run, None)
+    assert path.stat().st_size < 500_000
+    text = text_of(parsed(path))
+    assert "200 of 3000 cycles" in text
+    assert "The first 10 of 60" in text
+
+
+def test_in_detail_there_is_room_for_failures_and_at_least_one_success(tmp_path):
+    out = tmp_path / "run"
+    records = [make_record(n, DROPPED) for n in range(15)] + [make_record(15)]
+    make_run(out, records)
+    shown = [cycle.cycle for cycle in read_run(out).detailed]
+    assert len(shown) == reading.MOST_DETAILED
+    assert shown == [*range(11), 15]
+
+
+# ---- what is no run -------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("spoil", "message"),
+    [
+        (lambda out: (out / "config.json").unlink(), "is no run"),
+        (lambda out: (out / "summary.json").unlink(), "--resume"),
+        (lambda out: (out / "summary.json").write_text("{"), "cannot be read"),
+        (lambda out: (out / "summary.json").write_text("[]"), "has no 'passed'"),
+        (lambda out: (out / "config.json").write_text("{}"), "has no 'options'"),
+        (lambda out: (out / "cycles.jsonl").write_text("nonsense\n"), "line 1 cannot be read"),
+        (lambda out: (out / "cycles.jsonl").write_text('{"cycle": 0}\n'), "has no 'seed'"),
+    ],
+)
+def test_what_is_no_run_is_refused_in_one_line(tmp_path, capsys, spoil, message):
+    out = tmp_path / "run"
+    make_run(out, [make_record(0)], kept=False)
+    spoil(out)
+    assert main(["report", str(out)]) == 2
+    error = capsys.readouterr().err
+    assert message in error
+    assert error.count("\n") == 1
+    assert not (out / "report.html").exists()
+
+
+def test_a_folder_that_does_not_exist_is_refused(tmp_path, capsys):
+    assert main(["report", str(tmp_path / "none")]) == 2
+    assert "is no run" in capsys.readouterr().err
+
+
+def test_a_torn_last_line_and_a_damaged_record_are_left_out(tmp_path):
+    out = tmp_path / "run"
+    make_run(out, [make_record(0), make_record(1)])
+    with (out / "cycles.jsonl").open("a") as lines:
+        lines.write('{"cycle": 2, ')
+    record = out / "cycles" / "0001.npz"
+    record.write_bytes(record.read_bytes()[:100])
+    run = read_run(out)
+    assert [line["cycle"] for line in run.rows] == [0, 1]
+    assert run.unreadable == [1]
+    assert [cycle.cycle for cycle in run.detailed] == [0]
+
+
+def test_reading_refuses_by_an_error_of_ours(tmp_path):
+    with pytest.raises(BadInput, match="is no run"):
+        read_run(tmp_path)
+
+
+# ---- a run as it is -------------------------------------------------------------------------
+
+
+@pytest.mark.slow
+def test_the_report_of_ten_cycles_shows_each_of_them_and_stays_small(default_run, tmp_path):
+    out = tmp_path / "run"
+    shutil.copytree(default_run.out, out)
+    assert main(["report", str(out)]) == 0
+    path = out / "report.html"
+    assert path.stat().st_size < 5_000_000
+    tree = parsed(path)
+    ids = {element.get("id") for element in tree.iter()}
+    assert {f"cycle-{cycle}" for cycle in range(10)} <= ids
+    assert len(list(tree.iter(f"{SVG}svg"))) == 4 + 3 * 10
+    offsets = np.concatenate([score.ik_offset_m for score in default_run.scores])
+    assert f"{len(offsets)} points, at most {offsets.max():.1e} m" in text_of(tree)
+
+
+@pytest.mark.slow
+def test_a_run_with_report_writes_the_page(tmp_path, capsys):
+    out = tmp_path / "run"
+    options = ["--cycles", "1", "--mass", "16", "--report", "--min-success", "0"]
+    assert main(["run", *options, "--out", str(out)]) == 0
+    printed = capsys.readouterr().out
+    assert re.search(rf"^report +{re.escape(str(out / 'report.html'))}$", printed, re.M)
+    parsed(out / "report.html")
