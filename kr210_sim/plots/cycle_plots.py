@@ -27,10 +27,10 @@ from kr210_sim.plots.theme import (
 _LABEL_PITCH = 0.155
 """Least distance of the slanted stage names [inch]."""
 
-_AXIS_WIDTH = WIDTH - 0.78
+_AXIS_WIDTH = WIDTH - 0.88
 """Of the time axis [inch]."""
 
-_LAST_NAME = 0.46
+_LAST_NAME = 0.6
 """From the start of the last of them to the end of the axis, at least [inch]."""
 
 _NAMES_HEIGHT = 0.95

@@ -189,27 +189,23 @@ def _frame_bars(axis: Axes, cycles: Sequence[Recorded]) -> None:
 
 def _label_bar(axis: Axes, row: int, cycle: Recorded) -> None:
     """Write the cycle time beside a bar, or the reason of the failure after a cross at its end."""
+    beside = axis.get_yaxis_transform()
     if cycle.failure is None:
-        text, colour, weight = f"{float(cycle.line['cycle_time_s']):.2f} s", "ink", "normal"
-    else:
-        text, colour, weight = cycle.failure.reason, "bad", "bold"
-        axis.plot(
-            float(cycle.time[-1]),
-            row,
-            "X",
-            color=ink("bad"),
-            markeredgecolor=ink("paper"),
-            markersize=8,
-        )
+        text = f"{float(cycle.line['cycle_time_s']):.2f} s"
+        axis.text(1.02, row, text, fontsize=SMALL, va="center", transform=beside)
+        return
+    axis.plot(float(cycle.time[-1]), row, "X", color=ink("bad"), mec=ink("paper"), markersize=8)
+    reason = cycle.failure.reason
     axis.text(
         1.02,
         row,
-        text,
-        color=ink(colour),
-        weight=weight,
-        fontsize=SMALL,
+        reason if len(reason) <= 12 else reason.replace("_", "_\n", 1),
+        color=ink("bad"),
+        weight="bold",
+        fontsize=SMALL if len(reason) <= 12 else SMALL - 1.5,
+        linespacing=1.0,
         va="center",
-        transform=axis.get_yaxis_transform(),
+        transform=beside,
     )
 
 

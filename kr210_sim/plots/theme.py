@@ -169,7 +169,7 @@ def drawing() -> Iterator[None]:
 
 
 def new_figure(
-    height: float, *, left: float = 0.68, right: float = 0.1, top: float = 0.1, bottom: float = 0.55
+    height: float, *, left: float = 0.68, right: float = 0.2, top: float = 0.1, bottom: float = 0.55
 ) -> Figure:
     """Return an empty figure of the common width, to use within `drawing`.
 
