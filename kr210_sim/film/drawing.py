@@ -41,15 +41,20 @@ def draw(job: Job, *, backend: str, processes: int | None = None) -> Generator[P
     Raises:
         OSError: if a process fails.
     """
-    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
-    cores = cores or 1
-    count = processes or min(cores, MAX_PROCESSES, max(1, len(job.moments) // LEAST_PICTURES))
-    threads = max(1, cores // count)
+    count = processes or min(cores(), MAX_PROCESSES, max(1, len(job.moments) // LEAST_PICTURES))
+    threads = max(1, cores() // count)
     with ExitStack() as stack:
         jobs = [replace(job, moments=job.moments[first::count]) for first in range(count)]
         turns = [stack.enter_context(_drawn(one, backend, threads)) for one in jobs]
         for index in range(len(job.moments)):
             yield next(turns[index % count])
+
+
+def cores() -> int:
+    """Return the number of cores that this process may use."""
+    if hasattr(os, "sched_getaffinity"):
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1
 
 
 @contextmanager

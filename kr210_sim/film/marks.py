@@ -19,7 +19,7 @@ GOOD, BAD = (0.10, 0.72, 0.32, 1.0), (0.90, 0.12, 0.14, 1.0)
 
 PLANNED_WIDTH, TRAIL_WIDTH = 1.6, 4.0  # [pixels] of a picture 720 high
 AXIS_LENGTH, AXIS_RADIUS = 0.12, 0.006  # [m]
-FORCE_LENGTH, FORCE_RADIUS = 0.22, 0.014  # [m]; the length is that of the cycle's largest force
+FORCE_LENGTH, FORCE_RADIUS = 0.15, 0.012  # [m]; the length is that of the cycle's largest force
 SIGN_SIZE, SIGN_RADIUS, SIGN_HEIGHT = 0.19, 0.032, 0.5  # [m], above the TCP
 TICK = ((-0.9, 0.0), (-0.25, -0.7), (1.0, 0.85))
 CROSS = (((-0.8, -0.8), (0.8, 0.8)), ((-0.8, 0.8), (0.8, -0.8)))

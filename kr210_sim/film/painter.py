@@ -112,7 +112,7 @@ class Painter:
                 self._model, self._data, self._option, None, look(time),
                 mujoco.mjtCatBit.mjCAT_ALL, self._scene,
             )  # fmt: skip
-            _fit(self._scene, tile[2] / tile[3])
+            fit(self._scene, tile[2] / tile[3])
             if not self._plain:
                 self._marks.draw(self._scene, time)
             left, top, wide, high = tile
@@ -145,7 +145,7 @@ class Painter:
         )
         model, data = self._model, self._data
         self._start = np.array(model.key(f"cycle_{cycle:04d}").qpos)
-        self._hide_parked({name for name, _ in take.joints})
+        hide_parked(model, self._groups, {name for name, _ in take.joints})
         data.qpos[:] = self._start
         mujoco.mj_forward(model, data)
         base = data.site("robot_base")
@@ -167,18 +167,23 @@ class Painter:
         mujoco.mjr_setBuffer(mujoco.mjtFramebuffer.mjFB_OFFSCREEN, self._context)
         self._episode = episode
 
-    def _hide_parked(self, present: set[str]) -> None:
-        """Hide the targets that are not in the world during a cycle."""
-        model: Any = self._model
-        model.geom_group[:] = self._groups
-        for joint in range(model.njnt):
-            name = model.joint(joint).name
-            free = model.jnt_type[joint] == mujoco.mjtJoint.mjJNT_FREE
-            if free and name not in present:
-                model.geom_group[model.geom_bodyid == model.jnt_bodyid[joint]] = _HIDDEN_GROUP
+
+def hide_parked(model: Any, groups: NDArray[np.int32], present: set[str]) -> None:
+    """Hide the targets that are not in the world during a cycle.
+
+    Args:
+        model: of the episode.
+        groups: (ngeom,) groups in which its geoms are seen.
+        present: names of the joints that the cycle's record has.
+    """
+    model.geom_group[:] = groups
+    for joint in range(model.njnt):
+        free = model.jnt_type[joint] == mujoco.mjtJoint.mjJNT_FREE
+        if free and model.joint(joint).name not in present:
+            model.geom_group[model.geom_bodyid == model.jnt_bodyid[joint]] = _HIDDEN_GROUP
 
 
-def _fit(scene: mujoco.MjvScene, aspect: float) -> None:
+def fit(scene: mujoco.MjvScene, aspect: float) -> None:
     """Frame a picture for its place: widened if narrow, moved up as by a shift lens.
 
     Args:
