@@ -84,7 +84,7 @@ def film(job: Job, backend: str) -> tuple[float, float]:
     world counts: a film of full length has ten times as many pictures.
     """
     count = cores()
-    first = [moment for moment in job.moments[:count] for _ in range(1)]
+    first = job.moments[:count]
     begun = _children()
     _drain(Job(**(vars(job) | {"moments": first})), backend, count)
     start = _children() - begun

@@ -2,24 +2,35 @@
 
 from __future__ import annotations
 
+import ctypes.util
 import json
+import os
+import subprocess
+import sys
 from pathlib import Path
 
+import imageio_ffmpeg
 import numpy as np
 import pytest
 
 from kr210_sim.cli import main
 from kr210_sim.config import RunConfig
 from kr210_sim.exceptions import BadInput
+from kr210_sim.film.drawing import draw
 from kr210_sim.film.format import VERDICT, Format, check_cameras, make_format
 from kr210_sim.film.overlay import Overlay
+from kr210_sim.film.painter import tiles
 from kr210_sim.film.take import Take, read_take
+from kr210_sim.film.views import aim
+from kr210_sim.film.worker import Job
+from kr210_sim.playback import load_world
 from kr210_sim.results import read_lines
-from kr210_sim.video import find_gl, moments_of
+from kr210_sim.video import INSTALL_LINE, draw_stills, film_run, find_gl, moments_of
 
 SIZE = (320, 180)
+DOOR = "import sys; from kr210_sim.cli import main; sys.exit(main())"
 NO_GL = {"__EGL_VENDOR_LIBRARY_DIRS": "/nowhere", "__EGL_VENDOR_LIBRARY_FILENAMES": "/nowhere"}
-"""Environment in which EGL finds no driver; OSMesa is hidden by a stand-in."""
+"""Environment in which EGL finds no driver."""
 
 
 @pytest.fixture(scope="session")
@@ -215,3 +226,108 @@ def test_a_run_without_records_has_no_film(default_run, tmp_path):
     (tmp_path / "cycles" / "0000.npz").write_bytes(b"PK broken")
     with pytest.raises(BadInput, match=r"0000\.npz is damaged"):
         moments_of(tmp_path, Format())
+
+
+def test_a_film_that_cannot_be_written_leaves_nothing(default_run, tmp_path):
+    with pytest.raises(OSError, match="nowhere"):
+        film_run(default_run.out, tmp_path / "nowhere" / "film.mp4", Format(), backend="egl")
+    assert list(tmp_path.iterdir()) == []
+
+
+# ---- cameras --------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("count", range(1, 17))
+def test_the_pictures_of_several_cameras_cover_the_frame_once(count):
+    covered = np.zeros((719, 1281), dtype=int)
+    for left, top, width, height in tiles(count, (1281, 719)):
+        covered[top : top + height, left : left + width] += 1
+    assert np.all(covered == 1)
+    assert len(tiles(count, (1281, 719))) == count
+
+
+def test_the_gripper_camera_follows_softly(take, default_run):
+    model = load_world(default_run.out, 0)
+    T_world_base = np.eye(4)
+    T_world_base[:3, 3] = 1.0, 2.0, 0.5
+    look = aim("gripper", model, take, T_world_base)
+    before = None
+    for time in np.arange(0.0, take.duration, 0.04):
+        camera = look(time)
+        tcp = take.at("tcp_measured", time)[:3] + T_world_base[:3, 3]
+        assert np.linalg.norm(camera.lookat - tcp) < 0.5
+        now = np.array([*camera.lookat, camera.azimuth / 60, camera.elevation / 60])
+        assert before is None or np.linalg.norm(now - before) < 0.3
+        before = now
+
+
+# ---- pictures -------------------------------------------------------------------------------
+
+
+@pytest.mark.slow
+def test_a_film_is_whole_and_plays_in_browsers(gl, default_run, tmp_path):
+    form = Format(cameras=("overview", "gripper"), size=SIZE, fps=4.0, speed=2.0)
+    moments = moments_of(default_run.out, form, 0)
+    film, told = tmp_path / "film.mp4", []
+    film_run(
+        default_run.out, film, form, backend=gl, moments=moments,
+        on_frame=lambda index, total: told.append((index, total)),
+    )  # fmt: skip
+    assert [path.name for path in tmp_path.iterdir()] == ["film.mp4"]
+    assert told == [(index, len(moments)) for index in range(len(moments))]
+    assert imageio_ffmpeg.count_frames_and_secs(str(film))[0] == len(moments)
+    frames = imageio_ffmpeg.read_frames(str(film))
+    meta = next(frames)
+    assert (meta["size"], meta["codec"]) == (SIZE, "h264")
+    assert meta["pix_fmt"].startswith("yuv420p")
+    last = np.frombuffer(list(frames)[-1], dtype=np.uint8).reshape(*SIZE[::-1], 3).astype(int)
+    corner = last[5:20, -50:]
+    assert np.any(corner[..., 1] - corner[..., 0] > 60)  # the green of success
+
+
+@pytest.mark.slow
+def test_pictures_do_not_depend_on_the_number_of_processes(gl, default_run):
+    moments = [(0, 0.0), (0, 1.5), (1, 2.5), (1, 9.0)]
+    job = Job(out=str(default_run.out), cameras=("overview",), size=SIZE, moments=moments)
+    one, two = (list(draw(job, backend=gl, processes=count)) for count in (1, 2))
+    for picture, other in zip(one, two, strict=True):
+        np.testing.assert_array_equal(picture, other)
+    assert len({picture.tobytes() for picture in one}) == 4
+
+    def cyan(picture: np.ndarray) -> int:
+        red, green, blue = np.moveaxis(picture.astype(int), -1, 0)
+        return int(np.sum((blue - red > 90) & (green - red > 60)))
+
+    assert cyan(one[3]) > cyan(one[2]) > 20  # the trail
+
+
+@pytest.mark.slow
+def test_stills_are_drawn_and_a_broken_world_is_named(gl, default_run, tmp_path):
+    (still,) = draw_stills(default_run.out, [(3, 2.0)], cameras=["free"], size=SIZE, backend=gl)
+    assert still.shape == (180, 320, 3)
+    assert still.std() > 20
+    job = Job(out=str(tmp_path), cameras=("overview",), size=SIZE, moments=[(0, 0.0)])
+    with pytest.raises(OSError, match="KeyError"):
+        list(draw(job, backend=gl, processes=1))
+
+
+@pytest.mark.slow
+def test_without_opengl_runs_work_and_films_say_what_to_install(default_run, tmp_path):
+    if ctypes.util.find_library("OSMesa"):
+        pytest.skip("needs a machine without OSMesa, which cannot be hidden")
+
+    def command(*arguments: object) -> subprocess.CompletedProcess[str]:
+        return subprocess.run(
+            [sys.executable, "-c", DOOR, *map(str, arguments)],
+            env=os.environ | NO_GL | {"MUJOCO_GL": "osmesa"},
+            capture_output=True, text=True, check=False,
+        )  # fmt: skip
+
+    for arguments in (("run", "--video", "--out", tmp_path / "a"), ("render", default_run.out)):
+        refused = command(*arguments)
+        assert refused.returncode == 2, refused.stderr
+        assert INSTALL_LINE in refused.stderr
+        assert refused.stderr.count("\n") == 1
+    assert list(tmp_path.iterdir()) == []
+    played = command("run", "--cycles", 1, "--out", tmp_path / "b")
+    assert played.returncode == 0, played.stderr

@@ -94,8 +94,9 @@ class Overlay:
     def _draw_card(self, take: Take) -> Image.Image:
         """Return which cycle this is."""
         score = take.score
-        title = f"Cycle {take.cycle + 1} of {take.cycles}"
-        facts = f"cell {score['cell']}, {score['target']['mass_kg']:.3g} kg, seed {score['seed']}"
+        title = f"Cycle {take.cycle}, cell {score['cell']}"  # by its index, as --cycle takes it
+        mass = f"{score['target']['mass_kg']:.3g} kg"
+        facts = f"number {take.cycle + 1} of {take.cycles}, {mass}, seed {score['seed']}"
         big, small = _font(self._px(_BIG)), _font(self._px(_SMALL))
         width = round(max(big.getlength(title), small.getlength(facts))) + 2 * self._px(18)
         card = self._panel(min(width, self._width), self._px(_CARD), PANEL)
