@@ -51,13 +51,23 @@ def advance(q: Array, look: Look) -> bool:
     return bool(advance_each([q], look_each)[0])
 
 
-def advance_each(paths: Sequence[Array], look: LookEach) -> NDArray[np.bool_]:
+def advance_each(
+    paths: Sequence[Array], look: LookEach, choice: NDArray[np.int64] | None = None
+) -> NDArray[np.bool_]:
     """Tell of each of some polylines (N, 6) whether it is free, as `advance` does of one.
 
     They are looked at together. One that turns out to be blocked is not looked at any more.
+
+    Args:
+        paths: the polylines.
+        look: at configurations.
+        choice: (P,) number of the choice each is offered to, where one will do; by default each
+            stands alone. All are looked at coarsely, and then the first of each choice that is not
+            blocked; what comes after one that is free does not count as free.
     """
     if not paths:
         return np.ones(0, dtype=bool)
+    choice = np.arange(len(paths)) if choice is None else choice
     q = np.concatenate(paths)  # positions count through all of them, stretches never span two
     count = np.array([len(path) for path in paths])
     last = np.cumsum(count) - 1
@@ -68,14 +78,21 @@ def advance_each(paths: Sequence[Array], look: LookEach) -> NDArray[np.bool_]:
     parts = np.where(count > 1, _PARTS, 1)
     ends = np.stack([last + 1.0 - count, last], axis=1)
     waiting, owner = _divided(ends, parts, np.arange(len(paths)))
-    while len(waiting):
-        ends, waiting = waiting[:_AT_ONCE], waiting[_AT_ONCE:]
-        which, owner = owner[:_AT_ONCE], owner[_AT_ONCE:]
+    coarse = len(waiting)
+    while True:
+        first = _first(free, choice)
+        turn = np.flatnonzero((np.arange(len(waiting)) < coarse) | first[owner])[:_AT_ONCE]
+        if not len(turn):
+            return first
+        ends, which = waiting[turn], owner[turn]
+        waiting, owner = np.delete(waiting, turn, axis=0), np.delete(owner, turn)
+        coarse -= int(np.sum(turn < coarse))
         middle = (ends[:, 0] + ends[:, 1]) / 2
         weights, near = look(_at(q, middle), which)
         if np.any(near):
             free[which[near]] = False
             goes_on, still = free[which], free[owner]
+            coarse = int(np.sum(still[:coarse]))
             waiting, owner = waiting[still], owner[still]
             weights, middle, ends, which = (x[goes_on] for x in (weights, middle, ends, which))
         reached = _reached(travel, weights, middle, ends)
@@ -86,7 +103,14 @@ def advance_each(paths: Sequence[Array], look: LookEach) -> NDArray[np.bool_]:
         parts = np.clip(np.ceil(_EXPECT * further[is_left]), 1, most).astype(np.int64)
         more, whose = _divided(left[is_left], parts, np.repeat(which[:, None], 2, axis=1)[is_left])
         waiting, owner = np.concatenate([waiting, more]), np.concatenate([owner, whose])
-    return free
+
+
+def _first(free: NDArray[np.bool_], choice: NDArray[np.int64]) -> NDArray[np.bool_]:
+    """Return which of some paths is the first free one of its choice."""
+    first = np.zeros(len(free), dtype=bool)
+    index = np.flatnonzero(free)
+    first[index[np.unique(choice[index], return_index=True)[1]]] = True
+    return first
 
 
 def _divided(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from enum import Enum
 from itertools import pairwise
@@ -19,15 +19,8 @@ from kr210_sim.robot import Robot
 CLEARANCE_CELL = 0.004
 """Kept to cell and target on the straight lines in and out [m]."""
 
-DETOURS = (
-    (0.0, 0.0),
-    (0.2, 0.0),
-    (0.4, 0.0),
-    (0.4, 0.2),
-    (0.6, 0.0),
-    (0.6, 0.3),
-    (0.8, 0.2),
-    (0.9, 0.0),
+DETOURS = np.array(
+    [(0.2, 0.0), (0.4, 0.0), (0.4, 0.2), (0.6, 0.0), (0.6, 0.3), (0.8, 0.2), (0.9, 0.0)]
 )
 """Detours tried on a joint move, (towards axis 1, upwards) at mid-move [m], least first."""
 
@@ -76,6 +69,21 @@ class ClearanceOracle(Protocol):
     def blocked_each(self, questions: Sequence[Question]) -> list[str | None]:
         """Return what `blocked` does, of each of some paths."""
         return [self.blocked(one.q, hand=one.hand, clearance=one.clearance) for one in questions]
+
+    def first_free(self, choices: Sequence[Sequence[Question]]) -> list[int | str]:
+        """Return of each choice of paths the number of the first that is free.
+
+        Where none is, what is near the last of them; nothing, if there is none.
+        """
+        found: list[int | str] = []
+        for choice in choices:
+            found.append("")
+            for number, one in enumerate(choice):
+                near = self.blocked(one.q, hand=one.hand, clearance=one.clearance)
+                found[-1] = number if near is None else near
+                if near is None:
+                    break
+        return found
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -149,40 +157,6 @@ class Wanted:
         return cls(stage=stage, q=q, hand=hand, clearance=clearance, is_move=True)
 
 
-class _Search:
-    """The ways to fulfil a wish, tried one after the other."""
-
-    def __init__(self, wanted: Wanted, ways: Iterator[Array]) -> None:
-        self.wanted, self._ways = wanted, ways
-        self._way: Array | None = None
-        self._tried, self._what = 0, "a joint limit"
-
-    def next_way(self) -> None:
-        """Go on to the next way."""
-        self._way = next(self._ways, None)
-        self._tried += 1
-
-    def questions(self) -> list[Question]:
-        """Return what to ask: the way, and about both ends of a move once one was blocked."""
-        ends = self.wanted.q[:, None] if self.wanted.is_move and self._tried == 2 else ()
-        way = () if self._way is None else (self._way,)
-        return [self.wanted.asks(q) for q in (*ends, *way)]
-
-    def outcome(self, answers: Sequence[str | None]) -> Array | Blocked | None:
-        """Return the way (N, 6) if it is free, what blocks all of them, or None to go on."""
-        stage = self.wanted.stage
-        if len(answers) > 1:
-            for name, what in zip(("start", "end"), answers, strict=False):
-                if what:
-                    return Blocked(stage=stage, what=f"{what} already at the {name}")
-        if self._way is None:
-            return Blocked(stage=stage, what=self._what, final=not self.wanted.is_move)
-        if answers[-1] is None:
-            return self._way
-        self._what = answers[-1]
-        return None
-
-
 class LegFinder:
     """Finds the legs of one cycle, each once: many combinations of pick and place share them.
 
@@ -197,6 +171,7 @@ class LegFinder:
         self._seeds = np.random.SeedSequence(seed)
         self._budget = CYCLE_CONFIGURATIONS
         self._found: dict[tuple[str, bytes], list[Leg] | Blocked] = {}
+        self._lines: dict[bytes, Path] = {}
 
     def find(self, wanted: Wanted) -> list[Leg] | Blocked:
         """Return the legs that fulfil a wish, or what blocks it; nothing is sampled yet."""
@@ -227,43 +202,57 @@ class LegFinder:
 
     def _search(self, wishes: Sequence[Wanted]) -> None:
         """Find lines, and of each move the straight one if it is free, else the least detour."""
-        searches = [_Search(wanted, self._ways(wanted)) for wanted in wishes]
-        while searches:
-            for search in searches:
-                search.next_way()
-            questions = [question for search in searches for question in search.questions()]
-            answers = iter(self._oracle.blocked_each(questions))
-            for search in searches:
-                wanted = search.wanted
-                outcome = search.outcome([next(answers) for _ in search.questions()])
-                if isinstance(outcome, Blocked):
-                    self._found[wanted.key] = outcome
-                elif outcome is not None:
-                    self._found[wanted.key] = self._legs(outcome, wanted)
-            searches = [search for search in searches if search.wanted.key not in self._found]
+        answers = self._oracle.blocked_each([wanted.asks(wanted.q) for wanted in wishes])
+        moves: list[tuple[Wanted, str]] = []
+        for wanted, what in zip(wishes, answers, strict=True):
+            if what is None:
+                self._found[wanted.key] = self._legs(wanted.q, wanted)
+            elif wanted.is_move:
+                moves.append((wanted, what))
+            else:
+                self._found[wanted.key] = Blocked(stage=wanted.stage, what=what)
+        self._go_around(moves)
 
-    def _ways(self, wanted: Wanted) -> Iterator[Array]:
-        """Yield the paths (N, 6) to try, the best first."""
-        if not wanted.is_move:
-            yield wanted.q
-            return
+    def _go_around(self, moves: Sequence[tuple[Wanted, str]]) -> None:
+        """Find the least free detours of moves, of which what blocks the straight ways is known."""
+        detours = [self._detours(wanted) for wanted, _ in moves]
+        ends = [wanted.asks(q[None]) for wanted, _ in moves for q in wanted.q]
+        choices = [
+            [wanted.asks(way) for way in ways]
+            for (wanted, _), ways in zip(moves, detours, strict=True)
+        ]
+        answers = self._oracle.first_free([*([end] for end in ends), *choices])
+        for index, ((wanted, blocked), ways) in enumerate(zip(moves, detours, strict=True)):
+            found = answers[len(ends) + index]
+            near = [answers[2 * index + end] for end in (0, 1)]
+            if isinstance(near[0], str) or isinstance(near[1], str):
+                name, what = ("start", near[0]) if isinstance(near[0], str) else ("end", near[1])
+                self._found[wanted.key] = Blocked(
+                    stage=wanted.stage, what=f"{what} already at the {name}"
+                )
+            elif isinstance(found, str):
+                self._found[wanted.key] = Blocked(
+                    stage=wanted.stage, what=found or blocked, final=False
+                )
+            else:
+                self._found[wanted.key] = self._legs(ways[found], wanted)
+
+    def _detours(self, wanted: Wanted) -> list[Array]:
+        """Return the ways (3, 6) around what blocks the straight one, the least first."""
         q_from, q_to = wanted.q
-        bulges = None
-        for inward, upward in DETOURS:
-            via = (q_from + q_to) / 2
-            is_straight = not (inward or upward)
-            if not is_straight:
-                bulges = self._bulges(q_from, q_to) if bulges is None else bulges
-                via += inward * bulges[0] + upward * bulges[1]
-            if np.all(ik.within_limits(via, self._robot.lower, self._robot.upper)):
-                # The trajectory rounds a corner only as far as its inside is free, too.
-                yield wanted.q if is_straight else np.array([q_from, via, q_to])
+        vias = (q_from + q_to) / 2 + DETOURS @ self._bulges(q_from, q_to)
+        within = ik.within_limits(vias, self._robot.lower, self._robot.upper)
+        # The trajectory rounds a corner only as far as its inside is free, too.
+        return [np.array([q_from, via, q_to]) for via in vias[within]]
 
     def _legs(self, q: Array, wanted: Wanted) -> list[Leg]:
         """Return the legs along a path (N, 6) that is free."""
         if wanted.is_move:
             return self._straight(q, wanted)
-        return [_leg(wanted, Path.through(q, self._robot.velocity))]
+        there = self._lines.get(q[::-1].tobytes())
+        path = Path.through(q, self._robot.velocity) if there is None else there.reversed()
+        self._lines[q.tobytes()] = path
+        return [_leg(wanted, path)]
 
     def _sampled(self, wanted: Wanted, blocked: Blocked) -> list[Leg] | Blocked:
         """Return a move that goes around what blocked the cheap ones."""

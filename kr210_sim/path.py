@@ -46,6 +46,19 @@ class _Line:
         return _Line(self._direction, np.zeros_like(self._direction))
 
 
+class _Backwards:
+    """A curve, from its end to its beginning."""
+
+    def __init__(self, curve: _Curve, length: float, sign: float = 1.0) -> None:
+        self._curve, self._length, self._sign = curve, length, sign
+
+    def __call__(self, s: Array) -> Array:
+        return self._sign * self._curve(self._length - np.asarray(s))
+
+    def derivative(self) -> _Curve:
+        return _Backwards(self._curve.derivative(), self._length, -self._sign)
+
+
 class Path:
     """A curve q(s) through joint space, s in [0, length].
 
@@ -54,9 +67,11 @@ class Path:
 
     Attributes:
         length: [s]; 0 for a path that goes nowhere.
+        there: the path of which this is the way back, else itself.
     """
 
     def __init__(self, curve: _Curve, length: float) -> None:
+        self.there = self
         self._derivatives = [curve]
         for _ in range(3):
             self._derivatives.append(self._derivatives[-1].derivative())
@@ -92,6 +107,12 @@ class Path:
         u_of_s = np.clip(inverse(s), 0.0, 1.0)
         u_of_s[0], u_of_s[-1] = 0.0, 1.0
         return cls(make_interp_spline(s, curve(u_of_s), k=_DEGREE), length)
+
+    def reversed(self) -> Path:
+        """Return the way back."""
+        path = Path(_Backwards(self._derivatives[0], self.length), self.length)
+        path.there = self.there
+        return path
 
     def __call__(self, s: Array, order: int = 0) -> Array:
         """Return the derivative of that order (0 to 3) of q with respect to s: (N,) -> (N, 6)."""

@@ -139,7 +139,10 @@ def time_chains(
     """
     # In proportion to the time scale of the limits, so that the geometry is the same at any speed.
     step = _OVERLAP_STEP * float(np.min(limits.velocity / limits.acceleration))
-    laws = [[quickest_law(path, limits) for path in paths] for paths in chains]
+    # From rest to rest, the quickest law is the same there and back.
+    alike = {id(path.there): path.there for paths in chains for path in paths}
+    quickest = {key: quickest_law(path, limits) for key, path in alike.items()}
+    laws = [[quickest[id(path.there)] for path in paths] for paths in chains]
     corners = [list(_corners(*chain, limits, step)) for chain in zip(chains, laws, strict=True)]
     asked = [
         (chain, index, corner)

@@ -104,3 +104,27 @@ def test_paths_looked_at_together_have_the_verdicts_they_have_alone():
     together = advance_each(paths, look)
     assert together.tolist() == alone
     assert 20 < sum(alone) < 130
+
+
+def test_of_a_choice_the_first_free_path_is_taken_and_later_ones_are_hardly_looked_at():
+    """Four choices of paths: the answer is what they would be alone, in order."""
+    fields = [Field(seed, clearance=0.05) for seed in range(60)]
+    paths = list(walks(60))
+    choice = np.repeat(np.arange(4), 15)
+    alone = np.array([advance(q, field.look) for q, field in zip(paths, fields, strict=True)])
+    looks = np.zeros(60, dtype=int)
+
+    def look(q: np.ndarray, which: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        weights, near = np.zeros((len(q), 1, 6)), np.zeros(len(q), dtype=bool)
+        for row, path in enumerate(which.tolist()):
+            looks[path] += 1
+            found = fields[path].look(q[row : row + 1])
+            near[row] = found is None
+            weights[row] = 0.0 if found is None else found
+        return weights, near
+
+    found = advance_each(paths, look, choice)
+    for number in range(4):
+        free = np.flatnonzero(alone & (choice == number))
+        assert np.flatnonzero(found & (choice == number)).tolist() == free[:1].tolist()
+        assert np.all(looks[free[1:]] <= 3)
