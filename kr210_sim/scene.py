@@ -25,7 +25,9 @@ PRISM_SIDES = 32
 _RESERVED = re.compile(r"robot/|measure/|prism_|target_\d+(_visual)?$|cycle_\d+$|scene_joint_")
 """Names that a run gives to robot, measurements, targets and keyframes."""
 
-_TARGET_FRICTION = (1.0, 0.005, 0.0001)
+_TARGET_FRICTION = (1.0, 0.005, 0.002)
+"""Sliding, torsional [m], rolling [m]: what lies on others rocks and rolls itself to rest."""
+
 _OWN_FRICTION = PAD_PRIORITY - 1
 """Contact priority of a target whose friction is its own."""
 
@@ -244,7 +246,7 @@ def add_target(spec: mujoco.MjSpec, scene: Scene, target: Target) -> Any:
         type=mujoco.mjtGeom.mjGEOM_MESH,
         meshname=mesh,
         friction=friction,
-        condim=4,
+        condim=6,
         group=3,
         **contact,
     )
