@@ -18,7 +18,7 @@ from kr210_sim.summary import summarize
 from kr210_sim.trajectory import MotionLimits
 
 JOINTS = tuple(f"joint_{number}" for number in range(1, 7))
-STEPS = 44
+STEPS = 4 * len(STAGES)
 """Of a record: four for each stage."""
 
 LIMITS = MotionLimits.from_velocity(np.full(6, 2.0))
@@ -41,7 +41,8 @@ def make_record(cycle: int, event: Event | None = None, **changes: Any) -> Cycle
     series = {name: np.zeros(STEPS) for name in SERIES}
     path = np.column_stack([2 * np.cos(time), 2 * np.sin(time), 1 + time, np.ones(STEPS)])
     pose = np.column_stack([path, np.zeros((STEPS, 3))])
-    held = np.isin(stage, [3, 4, 5, 6])
+    carrying = ("LIFT", "WITHDRAW", "MOVE_TO_PLACE", "LOWER")
+    held = np.isin(stage, [STAGES.index(name) for name in carrying])
     series |= {
         "time": time,
         "stage": stage,

@@ -27,6 +27,23 @@ WIDTH = 5.0
 TEXT, SMALL = 10.5, 9.5
 """Sizes of text [pt]."""
 
+_OF_STAGES = {
+    "MOVE_TO_PICK": ("#6fa8dc", "#6fa8dc"),
+    "APPROACH": ("#1f7a4d", "#2f9b66"),
+    "CLOSE_GRIPPER": ("#f0a35e", "#f0a35e"),
+    "LIFT": ("#4fae7c", "#58bd88"),
+    "WITHDRAW": ("#a6d9b8", "#a6d9b8"),
+    "MOVE_TO_PLACE": ("#2166ac", "#3c84cf"),
+    "LOWER": ("#c79bd2", "#c79bd2"),
+    "OPEN_GRIPPER": ("#c96a1b", "#d97c2f"),
+    "RETREAT": ("#7d4793", "#9a62b0"),
+    "MOVE_HOME": ("#4a90d0", "#4f9be0"),
+    "SETTLE": ("#a5aeb8", "#7d8793"),
+}
+"""Moves are blue, lines in the cell green and at the place purple, the gripper is orange."""
+
+_OTHER_STAGE = ("#c2649a", "#d07fae")  # BACK_OUT
+
 COLOURS = {
     "paper": ("#ffffff", "#161b22"),
     "ink": ("#1f2328", "#e6edf3"),
@@ -45,24 +62,8 @@ COLOURS = {
     "top": ("#f6f8fa", "#3d4753"),
     "edge": ("#aab4bf", "#596472"),
     **{
-        f"stage-{stage.lower().replace('_', '-')}": colours
-        for stage, colours in zip(
-            STAGES,
-            (
-                ("#6fa8dc", "#6fa8dc"),  # moves are blue
-                ("#1f7a4d", "#2f9b66"),  # lines in the cell green
-                ("#f0a35e", "#f0a35e"),  # the gripper orange
-                ("#4fae7c", "#58bd88"),
-                ("#a6d9b8", "#a6d9b8"),
-                ("#2166ac", "#3c84cf"),
-                ("#c79bd2", "#c79bd2"),  # lines at the place purple
-                ("#c96a1b", "#d97c2f"),
-                ("#7d4793", "#9a62b0"),
-                ("#4a90d0", "#4f9be0"),
-                ("#a5aeb8", "#7d8793"),
-            ),
-            strict=True,
-        )
+        f"stage-{stage.lower().replace('_', '-')}": _OF_STAGES.get(stage, _OTHER_STAGE)
+        for stage in STAGES
     },
 }
 """Name -> colour on light and on dark paper; told apart with any colour vision, too."""
