@@ -371,7 +371,7 @@ def test_a_class_that_is_killed_goes_on(tmp_path):
             break
     process.send_signal(signal.SIGINT)
     errors = process.communicate(timeout=60)[1]
-    assert process.returncode == 130
+    assert process.returncode == 130, errors
     assert "--resume goes on" in errors
     times = {path: path.stat().st_mtime_ns for path in out.rglob("grade.json")}
     assert 2 <= len(times) < count

@@ -171,6 +171,7 @@ class _Server:
                 if callable(value)
                 and getattr(value, "__module__", None) == self._module.get("__name__")
             ]
+            name = self._function or HANDLERS[0]
             detail = (
                 f"there is no function {name}; it has {', '.join(sorted(offered)[:8]) or 'none'}"
             )
