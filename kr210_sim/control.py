@@ -89,7 +89,7 @@ class Controller:
         # A very slow motion is cut where the cycle will have run into its time limit anyway.
         longest = min(trajectory.duration, self._longest)
         count = int(np.ceil(longest / self._step - 1e-9)) + 1
-        q, qd, _ = trajectory(np.arange(count) * self._step)
+        q, qd = trajectory.motion(np.arange(count) * self._step)
         self._trajectory = trajectory
         self._hold(q, qd)
 
@@ -113,7 +113,7 @@ class Controller:
             x = np.arange(int(np.ceil(duration / self._step)) + 1) * self._step / duration
             x = np.minimum(x, 1.0)
             rate = 1.0 - x**2 * (3.0 - 2.0 * x)
-            q, qd, _ = self._trajectory(begin + duration * (x - x**3 + x**4 / 2.0))
+            q, qd = self._trajectory.motion(begin + duration * (x - x**3 + x**4 / 2.0))
             qd *= rate[:, None]
             if np.all(np.abs(np.diff(qd, axis=0)) <= acceleration * self._step):
                 break
@@ -134,6 +134,12 @@ class Controller:
         times = np.arange(int(np.ceil(law.duration / self._step - 1e-9)) + 1) * self._step
         self._finger = start + np.sign(position - start) * law(times)[0]
         self._finger_done = 0
+
+    def fingers_need(self, position: float) -> float:
+        """Return the time until the finger command passes a joint position [s], 0 if never."""
+        ahead = self._finger[self._finger_done :]
+        passed = (ahead - position) * np.sign(self._finger[-1] - self._finger[0]) >= 0
+        return float(np.argmax(passed)) * self._step if passed.any() else 0.0
 
     def next(self, count: int) -> Commands:
         """Return the commands of the next physics steps; a finished motion holds its end.

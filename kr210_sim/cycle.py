@@ -220,6 +220,7 @@ class _Cycle(Stepping):
             lambda: self.monitor.pressing_for >= GRIP_STEADY or self._felt_nothing(),
             WAIT_LIMIT,
             failure,
+            least=lambda: 0.0 if self.may_retry else GRIP_STEADY - self.monitor.pressing_for,
         )
         if self._felt_nothing():
             raise GraspLost("the fingers have closed on nothing")
@@ -233,6 +234,9 @@ class _Cycle(Stepping):
         self.monitor.released = True
         held = np.array(self.monitor.finger_position)
         self.controller.drive_fingers(self.scene.robot.finger_open)
+        # A finger cannot be free before its command is.
+        opening = np.sign(self.scene.robot.finger_open - self.scene.robot.finger_closed)
+        free = float(held[0] + opening * FINGERS_FREE)
         self.wait(
             lambda: (
                 not self.monitor.touching.any()
@@ -240,6 +244,7 @@ class _Cycle(Stepping):
             ),
             WAIT_LIMIT,
             CycleFailure("not_released", "the fingers do not come free of the target"),
+            least=lambda: self.controller.fingers_need(free),
         )
 
     def fingers_open(self) -> bool:

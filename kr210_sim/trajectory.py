@@ -73,6 +73,17 @@ class Trajectory:
                 q[begun] += path(law.position(t[begun] - start)) - path.start
         return q
 
+    def motion(self, t: Array) -> tuple[Array, Array]:
+        """Return q and qd, each (N, 6) [rad, rad/s], at times t (N,) [s]: all that servos need."""
+        q, qd = np.tile(self.paths[0].start, (len(t), 1)), np.zeros((len(t), 6))
+        for path, law, start in zip(self.paths, self._laws, self.starts, strict=True):
+            begun = t > start
+            if np.any(begun):
+                s, ds, _, _ = law(t[begun] - start)
+                q[begun] += path(s) - path.start
+                qd[begun] += path(s, 1) * ds[:, None]
+        return q, qd
+
     def derivatives(self, t: Array) -> tuple[Array, Array, Array, Array]:
         """Return q and its first three derivatives, each (N, 6), at times t (N,) [s]."""
         t = np.asarray(t, dtype=float)
