@@ -21,6 +21,7 @@ from kr210_sim.config import RunConfig
 from kr210_sim.cycle import CycleSetup, TimedMotion, plan_cycle
 from kr210_sim.episodes import TARGET_LENGTH, load_world, plan_episodes, run_episode
 from kr210_sim.exceptions import CycleFailure
+from kr210_sim.legs import Blocked, ClearanceOracle, LegFinder, Wanted
 from kr210_sim.limits import MotionLimits
 from kr210_sim.planning import CyclePlan, Motion
 from kr210_sim.robot import Robot
@@ -51,7 +52,8 @@ WRIST_SLACK = np.radians(0.1)  # of a travel measured on samples
 class Row:
     """One planned cycle.
 
-    Times per motion [s], least clearance between cell and bin [m], travel of the joints (6,) [rad].
+    Times per motion [s], least clearance between cell and bin [m], travel of the joints (6,) [rad],
+    and what blocks the shortest-path choice, straight and on every detour.
     """
 
     name: str
@@ -63,6 +65,7 @@ class Row:
     plan_time: float
     clearance: float
     travel: dict[str, Any]
+    blocked: Blocked | None
 
 
 def main() -> None:
@@ -150,6 +153,7 @@ def measure(
             for value in least_clearance(legs, motion.trajectory, oracle).values()
         ),
         travel=travels(plan, motions, robot),
+        blocked=blocked_choice(plan, robot, oracle),
     )
 
 
@@ -222,11 +226,8 @@ def travels(plan: CyclePlan, motions: Sequence[TimedMotion], robot: Robot) -> di
         for motion in motions
     ]
     found = {"planned motion": sum(np.sum(np.abs(np.diff(x, axis=0)), axis=0) for x in q)}
-    lower = next(leg for motion in plan.motions for leg in motion if leg.stage == "LOWER")
-    first = int(np.argmin(np.max(np.abs(plan.solved.q - lower.path.start), axis=1)))
-    there = np.arange(len(plan.solved.q))
-    and_back = np.concatenate([there, there[-2 : first - len(there) - 1 : -1]])
-    T, rows = plan.solved.T_base_palm[and_back], plan.solved.q[and_back]
+    order, _ = tour(plan)
+    T, rows = plan.solved.T_base_palm[order], plan.solved.q[order]
     home = np.zeros((1, 6))
     found["planned choice"] = np.sum(
         np.abs(np.diff(np.concatenate([home, rows, home]), axis=0)), axis=0
@@ -238,6 +239,39 @@ def travels(plan: CyclePlan, motions: Sequence[TimedMotion], robot: Robot) -> di
         path = choose(robot.geometry, T, robot.lower, robot.upper, robot.velocity, home[0])
         found[name] = path.travel + np.abs(path.q[-1])
     return found
+
+
+def tour(plan: CyclePlan) -> tuple[Any, int]:
+    """Return the order in which a cycle passes its solved poses, and the first pose of placing."""
+    lower = next(leg for motion in plan.motions for leg in motion if leg.stage == "LOWER")
+    first = int(np.argmin(np.max(np.abs(plan.solved.q - lower.path.start), axis=1)))
+    there = np.arange(len(plan.solved.q))
+    return np.concatenate([there, there[-2 : first - len(there) - 1 : -1]]), first
+
+
+def blocked_choice(plan: CyclePlan, robot: Robot, oracle: ClearanceOracle) -> Blocked | None:
+    """Return what blocks a move of the shortest-path choice, straight and on every detour."""
+    order, first = tour(plan)
+    home = np.zeros(6)
+    q = ik.best_sequence(
+        robot.geometry,
+        plan.solved.T_base_palm[order],
+        robot.lower,
+        robot.upper,
+        robot.velocity,
+        home,
+    ).q
+    legs = {leg.stage: leg for motion in plan.motions for leg in motion}
+    moves = [
+        Wanted.move(stage, q_from, q_to, legs[stage].hand, legs[stage].clearance)
+        for stage, q_from, q_to in (
+            ("MOVE_TO_PICK", home, q[0]),
+            ("MOVE_TO_PLACE", q[first - 1], q[first]),
+            ("MOVE_HOME", q[-1], home),
+        )
+    ]
+    answers = LegFinder(robot, oracle, seed=0).find_each(moves)
+    return next((answer for answer in answers if isinstance(answer, Blocked)), None)
 
 
 # ---- tables ---------------------------------------------------------------------------------
@@ -305,6 +339,15 @@ def _print_travel(name: str, rows: Sequence[Row]) -> None:
     print(
         f"\nAxes 4 and 6 turn further than the shortest-path choice in {more.sum()} of {len(rows)}."
     )
+    for index in np.flatnonzero(more):
+        planned, least = (
+            np.degrees(wrist[label][index]) for label in ("planned motion", "shortest-path choice")
+        )
+        why = rows[index].blocked
+        print(
+            f"- {rows[index].name}: {planned:.1f} instead of {least:.1f} deg; that choice is "
+            + (f"blocked, straight and on every detour: {why}" if why else "free")
+        )
 
 
 def _print_slow(groups: dict[str, list[Row]]) -> None:

@@ -28,6 +28,8 @@ _SHORTCUTS = 40  # random pairs of points on the path that are tried
 _IMPROVEMENTS = 150  # random replacements of corners that are tried
 _SPREAD = 0.15  # of the points that replace corners [s at the velocity limits]
 _CORNER = 0.2  # what a corner costs [s]: the arm brakes on one line and speeds up on the next
+_LESS = 1e-3  # least travel that is worth another path [rad]
+_WRIST = ((3, 5), (3,), (5,))  # axes 4 and 6, which wander: they are too quick to cost time
 
 
 @dataclass
@@ -80,7 +82,8 @@ def sample_path(query: Query, rng: np.random.Generator, budget: Budget) -> Array
             corners = _connect(query, margin, int(rng.integers(1, 2**31)), share)
             if corners is not None and query.free(corners):  # else it slipped between steps
                 budget.left += share.left
-                return _improved(query, _shortcut(query, corners, rng), rng)
+                corners = _improved(query, _shortcut(query, corners, rng), rng)
+                return _unwound(query, corners)
     return None
 
 
@@ -173,6 +176,22 @@ def _improved(query: Query, corners: Array, rng: np.random.Generator) -> Array:
             if _cost(query, new) < before and query.free(new):
                 corners = np.concatenate([corners[:first], new[1:-1], corners[last + 1 :]])
                 break
+    return corners
+
+
+def _unwound(query: Query, corners: Array) -> Array:
+    """Turn axes 4 and 6 evenly from end to end, together or else one, where that is free.
+
+    What is not less travel, or costs time, is left as it is.
+    """
+    for axes in _WRIST:
+        way = np.concatenate([[0.0], np.cumsum(query.seconds(corners))])
+        even = corners.copy()
+        for axis in axes:
+            even[:, axis] = np.interp(way, way[[0, -1]], corners[[0, -1], axis])
+        saved = np.sum(np.abs(np.diff(corners, axis=0)) - np.abs(np.diff(even, axis=0)))
+        if saved > _LESS and _cost(query, even) <= _cost(query, corners) and query.free(even):
+            corners = even
     return corners
 
 

@@ -100,6 +100,29 @@ def test_shortcuts_leave_few_corners_and_little_detour(robot):
 
 
 @needs_ompl
+@pytest.mark.parametrize("end", [0.0, -1.0])
+def test_axes_4_and_6_turn_no_further_than_from_end_to_end(robot, end):
+    q_to = np.array([1.5, 0.0, 0.0, end, 0.0, end])
+    for seed in range(3):
+        rng = np.random.default_rng(seed)
+        path = sample_path(query_of(robot, gate, q_to), rng, Budget(20_000))
+        travel = np.sum(np.abs(np.diff(path, axis=0)), axis=0)
+        np.testing.assert_allclose(travel[[3, 5]], abs(end), atol=2e-3)
+        assert gate(densified(path))
+
+
+@needs_ompl
+def test_an_axis_that_must_turn_aside_does_so_and_the_other_does_not(robot):
+    def free(q: np.ndarray) -> bool:
+        return gate(q) and not np.any((np.abs(q[:, 0] - 0.75) < 0.1) & (q[:, 3] < 0.3))
+
+    path = path_of(robot, 1, free)
+    assert free(densified(path))
+    assert np.max(path[:, 3]) > 0.3
+    assert np.sum(np.abs(np.diff(path[:, 5]))) < 2e-3
+
+
+@needs_ompl
 def test_the_same_seed_gives_the_same_bits_whatever_was_planned_before(robot):
     first = path_of(robot, 7)
     other = path_of(robot, 8)
