@@ -62,15 +62,15 @@ class FakeScreen:
 # ---- pace -----------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("speed", [0.5, 1.0, 4.0])
+@pytest.mark.parametrize("speed", [0.5, 4.0])
 def test_simulated_time_keeps_its_ratio_to_real_time(speed):
     clock = Clock()
     pace = Pace(speed, clock)
     pace.hold("LIFT", 0.0)
     started = clock.now
-    for simulated in np.arange(0.0, 2.0, 0.1):
+    for simulated in np.arange(0.0, 0.4, 0.1):
         pace.hold("LIFT", float(simulated))
-    assert clock.now - started == pytest.approx(1.9 / speed, abs=0.25)
+    assert clock.now - started == pytest.approx(0.3 / speed, abs=0.1)
 
 
 def test_a_simulation_that_is_late_does_not_hurry():
@@ -80,8 +80,8 @@ def test_a_simulation_that_is_late_does_not_hurry():
     clock.now += 100.0  # planning
     pace.hold("LIFT", 0.1)
     before = clock.now
-    pace.hold("LIFT", 1.1)
-    assert clock.now - before == pytest.approx(1.0, abs=0.1)
+    pace.hold("LIFT", 0.4)
+    assert clock.now - before == pytest.approx(0.3, abs=0.05)
 
 
 def test_the_next_cycle_begins_anew_at_time_zero():

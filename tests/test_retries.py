@@ -60,9 +60,11 @@ def recovered(one_cycle: RunOneCycle, scene: Scene) -> CycleScore:
 
 def test_a_missed_grasp_is_tried_again_where_the_target_is_seen_then(recovered):
     assert recovered.success, recovered.cause
-    assert stages_of(recovered) == [
-        "MOVE_TO_PICK", "APPROACH", "CLOSE_GRIPPER", "BACK_OUT", *STAGES[:11]
-    ]  # fmt: skip
+    first = ["MOVE_TO_PICK", "APPROACH", "CLOSE_GRIPPER", "BACK_OUT"]
+    home = STAGES.index("MOVE_HOME") + 1
+    # a target that rests by then leaves nothing to wait for
+    assert stages_of(recovered)[: len(first) + home] == [*first, *STAGES[:home]]
+    assert set(stages_of(recovered)[len(first) + home :]) <= {"SETTLE"}
     (attempt,) = recovered.retried
     assert (attempt["reason"], attempt["stage"]) == ("missed_grasp", "CLOSE_GRIPPER")
     assert attempt["detail"] == "the fingers have closed on nothing"

@@ -101,7 +101,7 @@ def test_the_trail_is_thin_and_keeps_to_the_path(take):
     points, steps = take.path("tcp_measured")
     measured = np.asarray(take.series["tcp_measured"], dtype=float)[:, :3]
     np.testing.assert_array_equal(points, measured[steps])
-    assert len(points) < len(measured) / 2
+    assert len(points) < 0.6 * len(measured)
     assert steps[-1] == len(measured) - 1
 
 
