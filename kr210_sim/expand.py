@@ -2,7 +2,7 @@
 
 A xacro holds Python expressions: one of them may loop, or fill the memory, inside a single call
 that no signal interrupts. The parent therefore waits for a limited time, and the child limits its
-own memory.
+own memory and processor time.
 """
 
 from __future__ import annotations
@@ -12,6 +12,7 @@ import contextlib
 import importlib
 import json
 import os
+import signal
 import subprocess
 import sys
 from collections.abc import Mapping
@@ -22,8 +23,12 @@ from kr210_sim.exceptions import BadInput
 from kr210_sim.packages import Packages
 from kr210_sim.safe_xml import MAX_XML_BYTES, check_xml
 
-TIME_LIMIT = 6.0
-"""Longest expansion [s]; large public descriptions take a few tenths."""
+TIME_LIMIT = 6
+"""Longest expansion [s of the processor, where the system can limit it]; large public descriptions
+take a few tenths."""
+
+WAIT_LIMIT = 60.0
+"""Longest wait for it on a busy machine [s]."""
 
 MEMORY_LIMIT = 1 << 30
 """Address space of the expanding process [bytes], where the system can limit it."""
@@ -51,14 +56,16 @@ def expand_xacro(path: Path, packages: Packages, arguments: Mapping[str, str]) -
             [sys.executable, "-m", "kr210_sim.expand"],
             input=json.dumps(request).encode(),
             capture_output=True,
-            timeout=TIME_LIMIT,
+            timeout=WAIT_LIMIT,
             env=os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)},
             check=False,
         )
+        if done.returncode == -getattr(signal, "SIGXCPU", 0):
+            raise subprocess.TimeoutExpired(done.args, TIME_LIMIT)
         answer: dict[str, str] = json.loads(done.stdout)
     except subprocess.TimeoutExpired as error:
         raise BadInput(
-            f"{path}: xacro does not come to an end within {TIME_LIMIT:g} s; correct the file"
+            f"{path}: xacro does not come to an end within {error.timeout:g} s; correct the file"
         ) from error
     except ValueError as error:  # no answer: the system ended the process
         raise BadInput(
@@ -78,6 +85,7 @@ def _main() -> None:
     with contextlib.suppress(ImportError, OSError, ValueError):
         resource = importlib.import_module("resource")  # absent on Windows
         resource.setrlimit(resource.RLIMIT_AS, (MEMORY_LIMIT, MEMORY_LIMIT))
+        resource.setrlimit(resource.RLIMIT_CPU, (TIME_LIMIT, TIME_LIMIT + 1))
     request = json.load(sys.stdin)
     with contextlib.redirect_stdout(None):  # xacro's own messages
         try:

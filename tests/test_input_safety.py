@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+import os
 import struct
-import time
 from collections.abc import Callable
 from pathlib import Path
 
@@ -251,6 +251,11 @@ def test_the_table_is_long_enough():
     assert len(CASES) >= 25
 
 
+def spent() -> float:
+    """Return the processor time of this process and its children [s]: others may be busy."""
+    return sum(os.times()[:4])
+
+
 @pytest.mark.parametrize("case", CASES)
 def test_bad_input_is_refused_in_one_line_and_in_time(case, tmp_path, capfd):
     damage, word = CASES[case]
@@ -258,9 +263,9 @@ def test_bad_input_is_refused_in_one_line_and_in_time(case, tmp_path, capfd):
     folder.mkdir(parents=True)
     damaged = damage(folder)
     arguments = damaged if isinstance(damaged, list) else [str(damaged)]
-    started = time.perf_counter()
+    started = spent()
     status = main(["convert", *arguments, "-o", str(folder / "out")])
-    took = time.perf_counter() - started
+    took = spent() - started
     out, err = capfd.readouterr()
     assert (status, out) == (2, ""), err
     assert err.startswith("kr210-sim: "), err
