@@ -101,6 +101,8 @@ def test_failures_stand_by_first_cause_with_time_stage_and_what_happened(page_of
     assert "1 0.22 move to place a finger lost <b>it</b> 2 1001" in text
     assert "no_path : 1 of 3 cycles" in text
     assert "2 0.00 move to pick \"'<& 2 7" in text
+    assert "--only-cycle 1" in text
+    assert "--only-cycle 2" in text
 
 
 def test_failed_cycles_are_open_and_a_cycle_that_did_not_move_says_so(page_of_three):
