@@ -180,6 +180,7 @@ def _lost(item: Item, config: GradeConfig, cause: str) -> dict[str, Any]:
         "cycles": config.cycles,
         "passed": False,
         "findings": [finding.as_json()],
+        "diagnoses": [],
         "figures": None,
     }
 

@@ -18,6 +18,7 @@ from kr210_sim.config import RunConfig
 from kr210_sim.episode_files import silence_mujoco
 from kr210_sim.episodes import load_world, plan_episodes, run_episode
 from kr210_sim.exceptions import BadInput
+from kr210_sim.grading.diagnosis import diagnose
 from kr210_sim.grading.findings import Finding, Refused
 from kr210_sim.grading.foreign import Asked, ForeignSolver
 from kr210_sim.grading.poses import Leg, LegMarks, mark_leg, rows_of, summarize_marks
@@ -87,7 +88,7 @@ class GradeConfig:
 
 @dataclass(frozen=True, kw_only=True)
 class Evidence:
-    """All requests that were answered, for a diagnosis; in the frame the solver was sent.
+    """All requests that were answered, for a diagnosis.
 
     Attributes:
         legs: (T_base_palm (N, 4, 4), q_start (6,), q (N, 6)) of each leg, in order.
@@ -243,6 +244,15 @@ class _Grading:
         source = self.solver.source
         marks = [mark_leg(robot, leg) for leg in self._legs]
         succeeded = sum(bool(line["success"]) for line in self._cycles)
+        evidence = Evidence(
+            legs=[
+                (leg.asked.T_base_palm[: len(leg.asked.q)], leg.asked.q_start, leg.asked.q)
+                for leg in self._legs
+                if len(leg.asked.q)
+            ],
+            probe_poses=self._probe_poses,
+            probe_answers=self._probe_answers,
+        )
         content = {
             "schema_version": 1,
             "version": __version__,
@@ -258,6 +268,7 @@ class _Grading:
             "passed": succeeded >= PASS_RATE * config.cycles,
             "findings": [finding.as_json() for finding in self._findings],
             "unsolved": _is_constant(self._legs),
+            "diagnoses": self._diagnoses(evidence),
             "figures": summarize_marks(marks),
             "probes": self._probes(robot),
             "results": self._cycles,
@@ -266,16 +277,20 @@ class _Grading:
             "seconds": config.limits.time_limit - self.solver.seconds_left,
             "poses": [row for mark in marks for row in rows_of(mark)],
         }
-        evidence = Evidence(
-            legs=[
-                (leg.asked.T_base_palm[: len(leg.asked.q)], leg.asked.q_start, leg.asked.q)
-                for leg in self._legs
-                if len(leg.asked.q)
-            ],
-            probe_poses=self._probe_poses,
-            probe_answers=self._probe_answers,
-        )
         return Grade(content=content, marks=marks, evidence=evidence)
+
+    def _diagnoses(self, evidence: Evidence) -> list[dict[str, str]]:
+        """Return which known mistakes explain the answers."""
+        robot = self._scene.robot
+        found = diagnose(
+            evidence.legs,
+            robot.lower,
+            robot.upper,
+            probes=(evidence.probe_poses, evidence.probe_answers),
+            arm=robot.geometry,
+            frame=self._config.frame,
+        )
+        return [diagnosis.as_json() for diagnosis in found]
 
     def _probes(self, robot: Robot) -> dict[str, Any]:
         """Return how the solver does on poses from all over the reach of the arm."""

@@ -38,6 +38,8 @@ def grade_text(content: Mapping[str, Any]) -> str:
             f"poses of {options['frame']}; {_scope(options['scope'])}"
         )
     lines += _findings(content)
+    for diagnosis in content["diagnoses"]:
+        lines.append(f"diagnosis      {diagnosis['text']} See {diagnosis['page']}")
     if content["unsolved"]:
         lines.append(
             "unsolved       every pose got the same answer: fill the template in, step by step; "
@@ -109,6 +111,7 @@ def class_row(content: Mapping[str, Any]) -> dict[str, Any]:
     """Return the row of a solver in the list of the class, by COLUMNS."""
     figures = content["figures"] or {}
     findings = [Finding.from_json(item).text(content["name"]) for item in content["findings"]]
+    findings += [diagnosis["text"] for diagnosis in content["diagnoses"]]
     return {
         "name": content["name"],
         "succeeded": content["succeeded"],
