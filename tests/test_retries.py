@@ -15,6 +15,7 @@ from kr210_sim.config import RunConfig
 from kr210_sim.cycle import Probe
 from kr210_sim.exceptions import BadInput
 from kr210_sim.grip import Grip
+from kr210_sim.limits import MotionLimits
 from kr210_sim.randomize import make_randomization
 from kr210_sim.record import RECORD_STEP, STAGES
 from kr210_sim.runner import run
@@ -194,9 +195,9 @@ def test_a_good_grasp_is_never_given_up(one_cycle, scene, mass):
 
 
 @pytest.mark.slow
-def test_a_slow_lift_is_not_taken_for_a_missed_one(one_cycle, limits):
+def test_a_slow_lift_is_not_taken_for_a_missed_one(one_cycle, robot):
     """At a fifth of the speed the board carries its share for many record steps."""
-    score = one_cycle(retries=1, limits=limits.scaled(0.2))
+    score = one_cycle(retries=1, limits=MotionLimits.from_velocity(robot.velocity, 0.2))
     assert score.success, score.cause
     assert score.retried == []
 
