@@ -122,13 +122,11 @@ def solve(
     return np.stack([q1, q2, q3, q4, q5, q6], axis=1)
 
 
-def follow(q, q_start, *, flips=True):
+def follow(q, q_start):
     """Take the wrist branch and the turns that are next to the answer before."""
     path, last = [], q_start
     for row in q:
-        options = [row]
-        if flips:
-            options.append(row * [1, 1, 1, 1, -1, 1] + [0, 0, 0, PI, 0, PI])
+        options = [row, row * [1, 1, 1, 1, -1, 1] + [0, 0, 0, PI, 0, PI]]
         near = []
         for option in options:
             turns = np.round((option - last) / (2 * PI))
@@ -254,7 +252,7 @@ def over_the_limits(T, q_start):
 
 
 def by_atan(T, q_start):
-    return follow(solve(T, azimuth=lambda y, x: np.arctan(y / x)), q_start, flips=False)
+    return follow(solve(T, azimuth=lambda y, x: np.arctan(y / x)), q_start)
 
 
 def silent_behind(T, q_start):

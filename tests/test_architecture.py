@@ -22,7 +22,7 @@ PRINTING = ("cli", "video", "verbs.")
 
 WITHOUT_MUJOCO = (
     "arrays", "compare", "config", "criteria", "exceptions", "failures", "gates",
-    "grading.diagnosis", "grading.mistakes", "grading.steps", "legs", "path",
+    "grading.diagnosis", "grading.explain", "grading.mistakes", "grading.steps", "legs", "path",
     "planning", "proof", "randomize", "record", "resources", "sampling", "score", "stats",
     "success_map", "summary", "task", "tcp_limits", "time_law", "tracks", "trajectory",
     "plots.cycle_plots", "plots.recorded", "plots.run_plots", "plots.space_plot", "plots.theme",

@@ -94,12 +94,15 @@ def _changes(
     way = branches - before[large, None]
     way -= TURN * np.round(way / TURN)
     other = before[large, None] + way
-    legal = np.all(_inside(other, lower, upper), axis=2)
-    needed = np.where(legal, np.abs(way).max(axis=2), np.inf)
+    sides = _elbow_and_shoulder(arm, np.stack([before[large], after[large]]))
+    # Better is only what would have stayed on the side where the arm was.
+    stays = np.all(_elbow_and_shoulder(arm, branches) == sides[0][:, None], axis=2)
+    stays &= np.all(_inside(other, lower, upper), axis=2)
+    needed = np.where(stays, np.abs(way).max(axis=2), np.inf)
     for row, index in enumerate(large):
         least = float(np.nanmin(needed[row], initial=np.inf))
         most = float(moved[index].max())
-        kind = _kind(arm, before[index], after[index])
+        kind = _kind(sides[:, row], np.stack([before[index], after[index]]))
         if kind and 2.0 * least < most:
             joint = int(np.argmax(moved[index]))
             found.append(_step(kind, leg, rows[index], joint, most, least))
@@ -118,16 +121,24 @@ def _step(
     )
 
 
-def _kind(arm: ik.Arm, before: Array, after: Array) -> str | None:
-    """Return which branch differs between two configurations, None at a singular wrist."""
-    pair = np.stack([before, after])
-    elbow = np.cos(pair[:, 2] + arm.constants.phi) > 0.0
-    if elbow[0] != elbow[1]:
-        return "elbow_branch"
-    center = ik.wrist_center(arm, ik.forward(arm, pair))
-    front = np.cos(pair[:, 0]) * center[:, 0] + np.sin(pair[:, 0]) * center[:, 1] > 0.0
-    if front[0] != front[1]:
-        return "shoulder_branch"
+def _elbow_and_shoulder(arm: ik.Arm, q: Array) -> Array:
+    """Return whether the elbow is up and the shoulder in front, (..., 2) of bool for q (..., 6)."""
+    up = np.cos(q[..., 2] + arm.constants.phi) > 0.0
+    center = ik.wrist_center(arm, ik.forward(arm, q))
+    front = np.cos(q[..., 0]) * center[..., 0] + np.sin(q[..., 0]) * center[..., 1] > 0.0
+    return np.stack([up, front], axis=-1)
+
+
+def _kind(sides: Array, pair: Array) -> str | None:
+    """Return which branch differs between two configurations, None at a singular wrist.
+
+    Args:
+        sides: (2, 2) elbow and shoulder of both.
+        pair: (2, 6) the configurations.
+    """
+    for kind, (one, other) in zip(("elbow_branch", "shoulder_branch"), sides.T, strict=True):
+        if one != other:
+            return kind
     if np.any(np.abs(np.sin(pair[:, 4])) < _SINGULAR):
         return None
     wrist = np.sin(pair[:, 4]) > 0.0
