@@ -10,6 +10,7 @@ import sys
 from pathlib import Path
 
 import imageio_ffmpeg
+import mujoco
 import numpy as np
 import pytest
 
@@ -18,6 +19,7 @@ from kr210_sim.config import RunConfig
 from kr210_sim.exceptions import BadInput
 from kr210_sim.film.drawing import draw
 from kr210_sim.film.format import VERDICT, Format, check_cameras, make_format
+from kr210_sim.film.marks import BAD, SIGN_HEIGHT, SIGN_NEARER, Marks
 from kr210_sim.film.overlay import Overlay
 from kr210_sim.film.painter import tiles
 from kr210_sim.film.take import Take, read_take
@@ -148,6 +150,23 @@ def test_the_verdict_appears_at_its_time(take, size):
     assert red(corner(2.0))
 
 
+def test_the_stage_of_a_failure_is_red_on_the_time_line_once_it_has_failed(take):
+    overlay = Overlay((1280, 720), {"overview": (0, 0, 1280, 720)})
+
+    def red(shown: Take, time: float) -> np.ndarray:
+        picture = np.full((720, 1280, 3), 128, dtype=np.uint8)
+        overlay.paint(picture, shown, time)
+        line = picture[685].astype(int)  # through the bars of the stages
+        return np.flatnonzero(line[:, 0] - line[:, 1] > 100)
+
+    ((begin, end),) = [each[1:] for each in take.stages if each[0] == "MOVE_TO_PLACE"]
+    lost = failed(take, end)
+    assert not red(take, take.duration).size
+    assert not red(lost, end - 0.1).size
+    places = 40 + 1200 * np.array([begin, end]) / take.duration  # [pixels]
+    np.testing.assert_allclose(red(lost, end)[[0, -1]], places, atol=3)
+
+
 def test_the_overlay_follows_time_and_leaves_the_middle_alone(take):
     overlay = Overlay((640, 360), {"a": (0, 0, 320, 360), "b": (320, 0, 320, 360)})
     pictures = []
@@ -259,6 +278,26 @@ def test_the_gripper_camera_follows_softly(take, default_run):
         now = np.array([*camera.lookat, camera.azimuth / 60, camera.elevation / 60])
         assert before is None or np.linalg.norm(now - before) < 0.3
         before = now
+
+
+def test_nothing_stands_before_the_sign_of_the_verdict(take, default_run):
+    model = load_world(default_run.out, 0)
+    data, camera = mujoco.MjData(model), mujoco.MjvCamera()
+    mujoco.mj_forward(model, data)
+    mujoco.mjv_defaultFreeCamera(model, camera)
+    scene = mujoco.MjvScene(model, 2000)
+    mujoco.mjv_updateScene(
+        model, data, mujoco.MjvOption(), None, camera, mujoco.mjtCatBit.mjCAT_ALL, scene
+    )
+    lost = failed(take, 2.0)
+    Marks(lost, np.eye(4), height=720).draw(scene, 2.0)
+    eye = np.mean([each.pos for each in scene.camera], axis=0)
+    drawn = [geom for geom in scene.geoms[: scene.ngeom] if np.allclose(geom.rgba, BAD)]
+    assert len(drawn) == 2  # strokes of the cross
+    place = lost.at("tcp_measured", 2.0)[:3] - eye
+    place[2] += SIGN_HEIGHT
+    for stroke in drawn:
+        np.testing.assert_allclose(stroke.pos - eye, SIGN_NEARER * place, atol=1e-5)
 
 
 # ---- pictures -------------------------------------------------------------------------------

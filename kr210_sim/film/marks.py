@@ -20,7 +20,10 @@ GOOD, BAD = (0.10, 0.72, 0.32, 1.0), (0.90, 0.12, 0.14, 1.0)
 PLANNED_WIDTH, TRAIL_WIDTH = 1.6, 4.0  # [pixels] of a picture 720 high
 AXIS_LENGTH, AXIS_RADIUS = 0.12, 0.006  # [m]
 FORCE_LENGTH, FORCE_RADIUS = 0.15, 0.012  # [m]; the length is that of the cycle's largest force
-SIGN_SIZE, SIGN_RADIUS, SIGN_HEIGHT = 0.19, 0.032, 0.5  # [m], above the TCP
+SIGN_SIZE, SIGN_RADIUS, SIGN_HEIGHT = 0.19, 0.032, 0.36  # [m], above the TCP
+SIGN_NEARER = 0.15
+"""The verdict is drawn at this share of its distance, and that much smaller: nothing hides it."""
+
 TICK = ((-0.9, 0.0), (-0.25, -0.7), (1.0, 0.85))
 CROSS = (((-0.8, -0.8), (0.8, 0.8)), ((-0.8, 0.8), (0.8, -0.8)))
 LEAST_FORCE = 1.0  # [N]
@@ -103,12 +106,14 @@ class Marks:
             return
         good = bool(self._take.score["success"])
         strokes = list(pairwise(TICK)) if good else CROSS
+        eye = np.mean([camera.pos for camera in scene.camera], axis=0)  # between left and right
         up = np.array(scene.camera[0].up, dtype=float)
         right = np.cross(np.array(scene.camera[0].forward, dtype=float), up)
-        middle = self._sign
+        middle = eye + SIGN_NEARER * (self._sign - eye)
+        size, radius = SIGN_NEARER * SIGN_SIZE, SIGN_NEARER * SIGN_RADIUS
         for stroke in strokes:
-            begin, end = (middle + SIGN_SIZE * (x * right + y * up) for x, y in stroke)
-            _connect(scene, begin, end, SIGN_RADIUS, GOOD if good else BAD)
+            begin, end = (middle + size * (x * right + y * up) for x, y in stroke)
+            _connect(scene, begin, end, radius, GOOD if good else BAD)
 
     def _line(
         self, scene: mujoco.MjvScene, begin: Array, end: Array, rgba: Sequence[float], width: float

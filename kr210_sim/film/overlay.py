@@ -88,7 +88,8 @@ class Overlay:
             wide = min(round(font.getlength(name)) + self._px(24), width)
             label = self._panel(wide, self._px(28), PANEL)
             ImageDraw.Draw(label).text((wide / 2, label.height / 2), name, INK, font, anchor="mm")
-            found.append((label, left + (width - wide) // 2, top + self._px(_MARGIN)))
+            below = 0 if top else self._px(_CARD) + self._px(_MARGIN) // 2  # card and verdict
+            found.append((label, left + self._px(_MARGIN), top + self._px(_MARGIN) + below))
         return found
 
     def _draw_card(self, take: Take) -> Image.Image:
@@ -110,7 +111,7 @@ class Overlay:
         score, good = take.score, bool(take.score["success"])
         title, facts = "Success", f"{take.succeeded + 1} of {take.cycle + 1} so far"
         if not good:
-            title = f"Failed: {_words(score['reason'])}"
+            title = f"Failed: {_words(score['reason']).lower()}"
             facts = f"{_words(score['failed_stage'])}, {score['failed_time_s']:.2f} s"
             facts += f": {score['detail']}" if score.get("detail") else ""
         big, small = _font(self._px(_BIG)), _font(self._px(_SMALL))
@@ -150,9 +151,13 @@ class Overlay:
             if right - wide < self._px(370):
                 break
         now = shown / take.duration * (strip.width - 2 * self._px(20)) + self._px(20)
-        for begin, end in self._bars(take, strip.width):
+        failed = not take.score["success"] and time >= take.verdict_time
+        for (stage, _, _), (begin, end) in zip(
+            take.stages, self._bars(take, strip.width), strict=True
+        ):
+            at_fault = failed and stage == take.score["failed_stage"]
             if begin < now:
-                self._bar(strip, begin, min(end, now), PAST)
+                self._bar(strip, begin, min(end, now), BAD if at_fault else PAST)
 
     def _bars(self, take: Take, width: int) -> list[tuple[float, float]]:
         """Return from where to where each stage goes on the time line [pixels]."""
