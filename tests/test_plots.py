@@ -12,10 +12,12 @@ import pytest
 from drawn_runs import DROPPED, LIMITS, SCENERY, make_record, recorded
 
 from kr210_sim.plots.cycle_plots import grip_plot, joints_plot
-from kr210_sim.plots.run_plots import map_plot, offset_plot, stage_plot
+from kr210_sim.plots.map_plots import grid_plot, map_plot
+from kr210_sim.plots.run_plots import offset_plot, stage_plot
 from kr210_sim.plots.space_plot import path_plot
 from kr210_sim.plots.theme import COLOURS
 from kr210_sim.record import STAGES
+from kr210_sim.success_map import success_map
 
 BY_JOINT = {
     "velocity_rad_s": LIMITS.velocity.tolist(),
@@ -146,6 +148,19 @@ def test_cells_are_arranged_as_the_robot_sees_them():
         for element in ET.fromstring(plot.svg).iter(f"{SVG}text")
     }
     assert places["2 of 2"] < places["0 of 1"]  # +y is on the left of who looks along +x
+
+
+def test_a_map_of_two_quantities_has_every_cycle_in_its_tile():
+    lines = [
+        {"cell": 1 + index % 2, "success": index > 0, "drawn": {"mass_kg": 0.5 * index}}
+        for index in range(5)
+    ]
+    plot = grid_plot(success_map(lines, "cell", "mass_kg", 2), "Because.")
+    assert re.findall(r"\d/\d", words(plot)) == ["0/1", "2/2", "1/1", "1/1"]
+    for text in ("mass_kg", "cell", "0", "1", "2"):
+        assert text in words(plot).split()
+    assert "0 of 1 at cell 1 and mass_kg 0..1 (95 % interval 0 to 98 %)" in plot.caption
+    assert plot.caption.endswith("Because.")
 
 
 def test_names_of_users_are_text_and_nothing_else(good):

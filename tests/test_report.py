@@ -159,6 +159,27 @@ def test_a_run_of_no_cycle_at_all_has_a_page(tmp_path):
     assert "No cycle was finished, so nothing is proved." in text
 
 
+def test_a_randomised_run_has_a_map_over_what_sets_its_failures_apart(tmp_path, capsys):
+    out = tmp_path / "run"
+    masses = (1.0, 1.1, 7.0)
+    records = [
+        make_record(cycle, DROPPED if mass > 5 else None, drawn={"mass_kg": mass, "x_m": x})
+        for cycle, (mass, x) in enumerate(zip(masses, (0.02, 0.03, 0.01), strict=True))
+    ]
+    make_run(out, records, kept=False)
+    assert main(["report", str(out)]) == 0
+    text = (out / "report.html").read_text()
+    assert "differ most in these: mass_kg by 2.1 and x_m by 1.8 standard deviations" in text
+    assert main(["report", str(out), "--map", "cell", "x_m"]) == 0
+    assert "differ most" not in (out / "report.html").read_text()
+    assert (out / "plots" / "map.svg").read_text().count(">cell<") == 1
+    capsys.readouterr()
+    assert main(["report", str(out), "--map", "x_m", "weight"]) == 2
+    err = capsys.readouterr().err
+    assert "'weight' in this run; there are: cell, mass_kg, x_m\n" in err
+    assert err.count("\n") == 1
+
+
 def test_the_film_beside_the_page_is_shown(tmp_path):
     out = tmp_path / "run"
     make_run(out, [make_record(0)], kept=False)

@@ -1,16 +1,15 @@
-"""Plots of a whole run: offsets of every planned point, time by stage, success by cell."""
+"""Plots of a whole run: offsets of every planned point, time by stage."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.patches import FancyBboxPatch
 from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
 
-from kr210_sim.plots.recorded import Recorded, Scenery
+from kr210_sim.plots.recorded import Recorded
 from kr210_sim.plots.theme import (
     SMALL,
     Plot,
@@ -216,82 +215,3 @@ def _mean_time(cycles: Sequence[Recorded], stage: str) -> float:
         for cycle in cycles
     ]
     return float(np.mean([time for time in times if time > 0]))
-
-
-def map_plot(cells: Mapping[int, tuple[int, int]], scenery: Scenery | None) -> Plot:
-    """Draw the success rate of each cell, arranged as the robot sees them.
-
-    Args:
-        cells: number -> succeeded and all cycles.
-        scenery: where the cells are; without it they stand in the order of their numbers.
-    """
-    rows = _arranged(sorted(cells), scenery)
-    columns = max(map(len, rows))
-    height = 0.72 * len(rows)
-    with drawing():
-        figure = new_figure(height + 0.1, left=0.05, right=0.05, top=0.05, bottom=0.05)
-        axis = figure.subplots()
-        axis.set_axis_off()
-        axis.set(xlim=(0, columns), ylim=(len(rows), 0))
-        for row, numbers in enumerate(rows):
-            for column, number in enumerate(numbers):
-                _draw_cell(
-                    axis,
-                    column + (columns - len(numbers)) / 2,
-                    row,
-                    number,
-                    *cells.get(number, (0, 0)),
-                )
-        svg = render(figure, "cells")
-    text = ", ".join(
-        f"cell {number}: {good} of {all_}" for number, (good, all_) in sorted(cells.items())
-    )
-    return Plot(
-        name="cells",
-        title="Success by cell",
-        alt=f"Successful cycles of each cell; {text}.",
-        caption="Successful cycles of all that started in a cell"
-        + (", arranged as seen from the robot." if scenery else ".")
-        + " Dashed cells had no cycle.",
-        svg=svg,
-    )
-
-
-def _draw_cell(axis: Axes, column: float, row: int, number: int, good: int, all_: int) -> None:
-    rate = good / all_ if all_ else 0.0
-    for colour, alpha in (("bad", 0.5 * (1 - rate)), ("good", 0.45 * rate)) if all_ else ():
-        axis.add_patch(_tile(column, row, facecolor=ink(colour), alpha=alpha, edgecolor="none"))
-    line = {"edgecolor": ink("edge"), "facecolor": "none", "linestyle": "-" if all_ else "--"}
-    axis.add_patch(_tile(column, row, **line))
-    middle = column + 0.5
-    axis.text(column + 0.1, row + 0.27, str(number), fontsize=SMALL, color=ink("ink"), va="center")
-    text = f"{good} of {all_}" if all_ else "none"
-    axis.text(
-        middle, row + 0.52, text, ha="center", va="center", weight="bold" if all_ else "normal"
-    )
-
-
-def _tile(column: float, row: int, **look: Any) -> FancyBboxPatch:
-    return FancyBboxPatch(
-        (column + 0.06, row + 0.09),
-        0.88,
-        0.82,
-        boxstyle="round,pad=0,rounding_size=0.06",
-        linewidth=0.9,
-        **look,
-    )
-
-
-def _arranged(numbers: Sequence[int], scenery: Scenery | None) -> list[list[int]]:
-    """Return rows of cells, the highest first, each from left to right as the robot sees it."""
-    if scenery is None:
-        return [list(numbers[start : start + 5]) for start in range(0, len(numbers), 5)]
-    rows: dict[float, list[int]] = {}
-    for number, place in scenery.cells.items():
-        rows.setdefault(round(float(place[2]), 2), []).append(number)
-    middle = np.mean([place[:2] for place in scenery.cells.values()], axis=0)
-    left = np.array([-middle[1], middle[0]])
-    return [
-        sorted(row, key=lambda number: -float(scenery.cells[number][:2] @ left))
-        for _, row in sorted(rows.items(), reverse=True)
-    ]

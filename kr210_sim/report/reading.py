@@ -1,8 +1,9 @@
-"""A run's folder -> what its report shows of it, in memory that does not grow with the run."""
+"""A run's folder -> what its report shows of it, in memory that hardly grows with the run."""
 
 from __future__ import annotations
 
 import json
+import math
 import zipfile
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
@@ -16,6 +17,8 @@ from kr210_sim.film.format import FILM
 from kr210_sim.plots.recorded import Recorded
 from kr210_sim.record import load_series
 from kr210_sim.results import CONFIG, CYCLES, SUMMARY, record_path
+from kr210_sim.separation import Separation, telling_pair
+from kr210_sim.success_map import BINS, SuccessMap, success_map
 
 MOST_ROWS = 200
 """A longer table of cycles is cut: failures first."""
@@ -55,6 +58,9 @@ class RunData:
         failures: reason -> the first failures for it.
         counts: reason -> how many there are.
         cells: number -> succeeded and all cycles.
+        separation: what was drawn for failed cycles against what was for others.
+        grid: success over two quantities, None if there are none to show.
+        grid_asked: whether these two were asked for.
         detailed: cycles with their records, in order; none if no records were kept.
         unreadable: cycles whose record is there and damaged.
         film: whether there is a film.
@@ -67,6 +73,9 @@ class RunData:
     failures: dict[str, list[Line]] = field(default_factory=dict)
     counts: Counter[str] = field(default_factory=Counter)
     cells: dict[int, tuple[int, int]] = field(default_factory=dict)
+    separation: Separation = field(default_factory=Separation)
+    grid: SuccessMap | None = None
+    grid_asked: bool = False
     detailed: list[Recorded] = field(default_factory=list)
     unreadable: list[int] = field(default_factory=list)
     film: bool = False
@@ -77,11 +86,16 @@ class RunData:
         return int(self.summary["cycles"])
 
 
-def read_run(out: Path) -> RunData:
+def read_run(out: Path, quantities: Sequence[str] = ()) -> RunData:
     """Read the folder of a run.
 
+    Args:
+        out: the folder.
+        quantities: the two of the map of success; without them those that tell most.
+
     Raises:
-        BadInput: if it is none, was not ended, or a file of it is damaged.
+        BadInput: if it is none, was not ended, or a file of it is damaged; if there is no such
+            quantity.
     """
     if not out.is_dir() or not (out / CONFIG).is_file():
         raise BadInput(f"report: {out} is no run; give the folder that a run has written")
@@ -104,7 +118,9 @@ def read_run(out: Path) -> RunData:
             listed = run.failures.setdefault(line["reason"], [])
             if len(listed) < MOST_OF_A_REASON:
                 listed.append(line)
+        run.separation.add(line)
         chosen.add(line)
+    _make_grid(run, quantities)
     run.rows = chosen.rows()
     for line in chosen.detailed():
         try:
@@ -115,6 +131,18 @@ def read_run(out: Path) -> RunData:
             run.detailed.append(Recorded(line=line, record=record))
     run.film = (out / FILM).is_file()
     return run
+
+
+def _make_grid(run: RunData, asked: Sequence[str]) -> None:
+    """Count success over two quantities, unless nothing tells which."""
+    run.grid_asked = bool(asked)
+    if not asked:
+        pair = telling_pair(run.separation.differences())
+        asked = [each.name for each in pair] if pair else ()
+    if asked and run.cycles:
+        x, y = asked
+        bins = min(BINS, max(2, round(math.sqrt(run.cycles) / 2)))
+        run.grid = success_map(_lines(run.out / CYCLES), x, y, bins)
 
 
 class _Choice:

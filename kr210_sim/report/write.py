@@ -6,13 +6,15 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from kr210_sim.plots.cycle_plots import grip_plot, joints_plot
+from kr210_sim.plots.map_plots import grid_plot, map_plot
 from kr210_sim.plots.recorded import Recorded, Scenery
-from kr210_sim.plots.run_plots import map_plot, offset_plot, stage_plot
+from kr210_sim.plots.run_plots import offset_plot, stage_plot
 from kr210_sim.plots.space_plot import path_plot
 from kr210_sim.plots.theme import Plot
 from kr210_sim.report.page import render_page
 from kr210_sim.report.reading import RunData
 from kr210_sim.results import write_text
+from kr210_sim.separation import telling_pair
 
 REPORT = "report.html"
 PLOTS = "plots"
@@ -40,6 +42,8 @@ def write_report(run: RunData, scenery: Scenery | None) -> Path:
             cycle_plots[cycle.cycle] = _cycle_plots(run, cycle, scenery) if cycle.moved else []
     if run.cells:
         plots.append(map_plot(run.cells, scenery))
+    if run.grid is not None:
+        plots.append(grid_plot(run.grid, "" if run.grid_asked else _why(run)))
     page = render_page(run, plots, cycle_plots)
     folder = run.out / PLOTS
     if plots:
@@ -49,6 +53,19 @@ def write_report(run: RunData, scenery: Scenery | None) -> Path:
     path = run.out / REPORT
     write_text(path, page)
     return path
+
+
+def _why(run: RunData) -> str:
+    """Return why the two quantities of the map are shown, and what that is worth."""
+    found = run.separation.differences()
+    pair = telling_pair(found)
+    assert pair is not None  # else there is no map
+    sizes = " and ".join(f"{each.name} by {abs(each.size):.1f}" for each in pair)
+    return (
+        f"Of the {len(found)} quantities that vary, the means of failed and other cycles differ "
+        f"most in these: {sizes} standard deviations. If none mattered, the largest difference "
+        f"would still be about {run.separation.by_chance():.1f}."
+    )
 
 
 def _run_plots(run: RunData, moved: Sequence[Recorded], scenery: Scenery) -> list[Plot]:
