@@ -8,6 +8,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from kr210_sim.config import FREE, RunConfig
+from kr210_sim.options import command_words
 
 SHOWN = 12
 """Groups that the terminal shows; `summary.json` has them all."""
@@ -29,18 +30,7 @@ def show_again(config: RunConfig, cycle: int) -> str:
         config: options of the run; its paths hold where the command is given.
         cycle: index in the run.
     """
-    words = ["kr210-sim", "run"]
-    for name, (default, _) in RunConfig.metadata().items():
-        value = getattr(config, name)
-        if value == default or name in _LEFT_OUT:
-            continue
-        option = "--" + name.replace("_", "-")
-        if isinstance(value, bool):
-            words.append(option)
-            continue
-        for each in value if isinstance(value, tuple) else (value,):
-            text = str(each)
-            words += [f"{option}={text}"] if text.startswith("-") else [option, text]
+    words = command_words(config.as_json(), _LEFT_OUT)
     return shlex.join([*words, "--only-cycle", str(cycle)])
 
 

@@ -1,9 +1,10 @@
-"""The file of --config: option names and values in JSON or TOML, checked before they are used."""
+"""Options of a run in other forms: read from the file of --config, written as a command."""
 
 from __future__ import annotations
 
 import json
 import tomllib
+from collections.abc import Collection, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +13,34 @@ from kr210_sim.exceptions import BadInput
 
 _OF_ITS_RUN = ("out", "resume")
 """What the config.json of a run says of that run alone."""
+
+
+def is_default(name: str, value: Any) -> bool:
+    """Return whether a value, a plain JSON one, is the default of an option of run."""
+    default = RunConfig.metadata()[name][0]
+    return bool(value == default or (isinstance(value, list) and tuple(value) == default))
+
+
+def command_words(options: Mapping[str, Any], left_out: Collection[str]) -> list[str]:
+    """Return the words of the command that runs with some options; defaults are not written.
+
+    Args:
+        options: values by field name of RunConfig, plain JSON ones; others are left out.
+        left_out: names of those that shall not be written.
+    """
+    words = ["kr210-sim", "run"]
+    for name in RunConfig.metadata():
+        value = options.get(name)
+        if name not in options or name in left_out or is_default(name, value):
+            continue
+        option = "--" + name.replace("_", "-")
+        if isinstance(value, bool):
+            words.append(option)
+            continue
+        for each in value if isinstance(value, list | tuple) else (value,):
+            text = str(each)
+            words += [f"{option}={text}"] if text.startswith("-") else [option, text]
+    return words
 
 
 def read_options(path: Path) -> dict[str, Any]:

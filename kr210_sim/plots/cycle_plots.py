@@ -11,18 +11,19 @@ from matplotlib.ticker import MaxNLocator
 
 from kr210_sim.arrays import Array
 from kr210_sim.criteria import SLIP_LIMIT
-from kr210_sim.plots.recorded import Recorded, Scenery
+from kr210_sim.plots.recorded import Failure, Recorded, Scenery
 from kr210_sim.plots.theme import (
     SMALL,
     WIDTH,
     Plot,
     drawing,
     ink,
+    limit_line,
     new_figure,
     render,
     stage_ink,
     stage_label,
-)
+)  # fmt: skip
 
 _LABEL_PITCH = 0.155
 """Least distance of the slanted stage names [inch]."""
@@ -66,7 +67,7 @@ def joints_plot(cycle: Recorded, scenery: Scenery, limits: Mapping[str, Any]) ->
                     label=scenery.joints[joint],
                 )
             for limit in (-100, 100):
-                axis.axhline(limit, color=ink("bad"), linewidth=0.9, linestyle=(0, (1, 1.5)))
+                limit_line(axis, limit)
             reach = max(110.0, 105 * float(np.max(np.abs(share))))
             axis.set(ylim=(-reach, reach), ylabel=f"{name} [%]")
             axis.yaxis.set_major_locator(MaxNLocator(5, steps=[1, 2, 5, 10]))
@@ -104,17 +105,7 @@ def grip_plot(cycle: Recorded) -> Plot:
         axes[1].set(ylabel="grip force [N]")
         axes[1].legend(loc="upper right", ncols=2)
         axes[2].plot(time, slip, color=ink("line-3"))
-        axes[2].axhline(1e3 * SLIP_LIMIT, color=ink("bad"), linewidth=0.9, linestyle=(0, (1, 1.5)))
-        axes[2].text(
-            0.995,
-            1e3 * SLIP_LIMIT,
-            "limit",
-            color=ink("bad"),
-            fontsize=SMALL,
-            ha="right",
-            va="bottom",
-            transform=axes[2].get_yaxis_transform(),
-        )
+        limit_line(axes[2], 1e3 * SLIP_LIMIT, "limit")
         axes[2].set(ylabel="slip [mm]")
         for axis, values, least in zip(
             axes, (tracking, force, slip), (0.1, 100.0, 5.0), strict=True
@@ -180,16 +171,16 @@ def _frame(axes: Sequence[Axes], cycle: Recorded) -> None:
             },
         )
     if cycle.failure is not None:
-        _mark(axes, cycle.failure.time, cycle.failure.reason, end)
+        _mark(axes, cycle.failure, end)
 
 
-def _mark(axes: Sequence[Axes], time: float, reason: str, end: float) -> None:
+def _mark(axes: Sequence[Axes], failure: Failure, end: float) -> None:
     for axis in axes:
-        axis.axvline(time, color=ink("bad"), linewidth=1.6)
-    left = time > end / 2
+        axis.axvline(failure.time, color=ink("bad"), linewidth=1.6)
+    left = failure.time > end / 2
     axes[0].annotate(
-        f"{reason} at {time:.2f} s",
-        (time, 0.04),
+        failure.short,
+        (failure.time, 0.04),
         xycoords=("data", "axes fraction"),
         textcoords="offset points",
         xytext=(-4 if left else 4, 0),

@@ -30,6 +30,11 @@ class Failure(NamedTuple):
     reason: str
     detail: str
 
+    @property
+    def short(self) -> str:
+        """What stands beside its mark."""
+        return f"{self.reason} at {self.time:.2f} s"
+
 
 @dataclass(frozen=True, kw_only=True)
 class Box:

@@ -15,11 +15,12 @@ from kr210_sim.plots.theme import (
     Plot,
     drawing,
     ink,
+    limit_line,
     new_figure,
     render,
     stage_ink,
     stage_label,
-)
+)  # fmt: skip
 from kr210_sim.record import STAGES
 
 _SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
@@ -106,17 +107,7 @@ def _draw_offsets(axis: Axes, values: Any, gate: float | None) -> None:
         clip_on=False,
     )
     if gate:
-        axis.axhline(gate, color=ink("bad"), linewidth=1, linestyle=(0, (1, 1.5)))
-        axis.text(
-            0.995,
-            gate,
-            "gate",
-            color=ink("bad"),
-            fontsize=SMALL,
-            ha="right",
-            va="top",
-            transform=axis.get_yaxis_transform(),
-        )
+        limit_line(axis, gate, "gate", above=False)
     axis.yaxis.set_major_locator(LogLocator(10, numticks=6))
     axis.yaxis.set_minor_locator(NullLocator())
     axis.yaxis.set_major_formatter(FuncFormatter(lambda value, _: _power(value)))

@@ -21,7 +21,7 @@ from kr210_sim.plots.theme import (
     render,
     stage_ink,
     stage_label,
-)
+)  # fmt: skip
 
 _ASIDE = np.radians(-22.0)
 """The eye stands behind the robot, this far to the side of the middle between cells and
@@ -226,7 +226,7 @@ def _draw_path(
         if by_stage:
             left = places[index, 0] > np.mean(axis.get_xlim())
             axis.annotate(
-                f"{cycle.failure.reason} at {cycle.failure.time:.2f} s",
+                cycle.failure.short,
                 places[index],
                 textcoords="offset points",
                 xytext=(-9 if left else 9, 9),

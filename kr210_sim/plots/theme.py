@@ -16,6 +16,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import matplotlib
+from matplotlib.axes import Axes
 from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
 
@@ -193,6 +194,16 @@ def new_figure(
     )
     FigureCanvasSVG(figure)
     return figure
+
+
+def limit_line(axis: Axes, value: float, label: str = "", *, above: bool = True) -> None:
+    """Draw a limit across an axis, its label at the right end, above or below the line."""
+    axis.axhline(value, color=ink("bad"), linewidth=0.9, linestyle=(0, (1, 1.5)))
+    beside = axis.get_yaxis_transform()
+    side = "bottom" if above else "top"
+    axis.text(
+        0.995, value, label, color=ink("bad"), fontsize=SMALL, ha="right", va=side, transform=beside
+    )
 
 
 def render(figure: Figure, name: str) -> str:

@@ -11,7 +11,8 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 from kr210_sim.config import FREE, RunConfig
 from kr210_sim.criteria import CONDITIONS
 from kr210_sim.film.format import FILM
-from kr210_sim.plots.theme import COLOURS, Plot
+from kr210_sim.options import command_words, is_default
+from kr210_sim.plots.theme import COLOURS, Plot, stage_label
 from kr210_sim.proof import UNDECIDED
 from kr210_sim.report.reading import MOST_OF_A_REASON, RunData
 
@@ -64,7 +65,7 @@ def render_page(
         lstrip_blocks=True,
         undefined=StrictUndefined,
     )
-    environment.filters |= {"number": number, "percent": percent, "stage": stage_words}
+    environment.filters |= {"number": number, "percent": percent, "stage": stage_label}
     return environment.get_template("report.html.j2").render(
         run=run,
         summary=run.summary,
@@ -167,7 +168,7 @@ def option_rows(options: Mapping[str, Any]) -> list[tuple[str, str, bool]]:
     known = RunConfig.metadata()
     rows = []
     for name, value in options.items():
-        changed = name in known and not _is_default(name, value)
+        changed = name in known and not is_default(name, value)
         text = ", ".join(map(str, value)) if isinstance(value, list) else value
         rows.append(
             (f"--{name.replace('_', '-')}", DASH if text in (None, "") else str(text), changed)
@@ -177,22 +178,7 @@ def option_rows(options: Mapping[str, Any]) -> list[tuple[str, str, bool]]:
 
 def repeat_command(options: Mapping[str, Any]) -> str:
     """Return the command line that runs the same cycles again, into a new folder."""
-    words = ["kr210-sim", "run"]
-    for name, value in options.items():
-        if name not in RunConfig.metadata() or name in _NOT_AGAIN or _is_default(name, value):
-            continue
-        option = f"--{name.replace('_', '-')}"
-        if value is True:
-            words.append(option)
-        else:
-            for each in value if isinstance(value, list) else [value]:
-                words += [option, str(each)]
-    return shlex.join(words)
-
-
-def _is_default(name: str, value: Any) -> bool:
-    default = RunConfig.metadata()[name][0]
-    return bool(value == default or (isinstance(value, list) and value == list(default or ())))
+    return shlex.join(command_words(options, _NOT_AGAIN))
 
 
 def number(value: float | None, scale: float = 1.0, unit: str = "") -> str:
@@ -214,8 +200,3 @@ def _plain(value: float) -> str:
 def percent(share: float) -> str:
     """Return a share in percent, at most one decimal."""
     return f"{round(100 * share, 1):g} %"
-
-
-def stage_words(stage: str | None) -> str:
-    """Return a stage's name as people write it."""
-    return DASH if stage is None else stage.lower().replace("_", " ")
