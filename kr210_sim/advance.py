@@ -62,8 +62,8 @@ def advance_each(
         paths: the polylines.
         look: at configurations.
         choice: (P,) number of the choice each is offered to, where one will do; by default each
-            stands alone. All are looked at coarsely, and then the first of each choice that is not
-            blocked; what comes after one that is free does not count as free.
+            stands alone. The first of each that is not blocked is looked at, the others only as far
+            along as one was blocked; what comes after one that is free does not count as free.
     """
     if not paths:
         return np.ones(0, dtype=bool)
@@ -71,30 +71,35 @@ def advance_each(
     q = np.concatenate(paths)  # positions count through all of them, stretches never span two
     count = np.array([len(path) for path in paths])
     last = np.cumsum(count) - 1
+    begin = last + 1 - count
     travel = np.zeros_like(q)
     np.cumsum(np.abs(np.diff(q, axis=0)), axis=0, out=travel[1:])
     free = np.ones(len(paths), dtype=bool)
     most = _MOST_PARTS if len(paths) > 1 else _MOST_PARTS_ALONE
-    parts = np.where(count > 1, _PARTS, 1)
-    ends = np.stack([last + 1.0 - count, last], axis=1)
-    waiting, owner = _divided(ends, parts, np.arange(len(paths)))
-    coarse = len(waiting)
+    parts = np.where((count > 1) & _first(free, choice), _PARTS, 1)
+    waiting, owner = _divided(np.stack([begin, last], axis=1), parts, np.arange(len(paths)))
+    urgent = np.zeros(len(waiting), dtype=bool)
     while True:
         first = _first(free, choice)
-        turn = np.flatnonzero((np.arange(len(waiting)) < coarse) | first[owner])[:_AT_ONCE]
+        turn = np.flatnonzero(urgent | first[owner])[:_AT_ONCE]
         if not len(turn):
             return first
-        ends, which = waiting[turn], owner[turn]
-        waiting, owner = np.delete(waiting, turn, axis=0), np.delete(owner, turn)
-        coarse -= int(np.sum(turn < coarse))
-        middle = (ends[:, 0] + ends[:, 1]) / 2
+        which, ends, middle = owner[turn], waiting[turn, :2], waiting[turn, 2]
         weights, near = look(_at(q, middle), which)
-        if np.any(near):
-            free[which[near]] = False
-            goes_on, still = free[which], free[owner]
-            coarse = int(np.sum(still[:coarse]))
-            waiting, owner = waiting[still], owner[still]
-            weights, middle, ends, which = (x[goes_on] for x in (weights, middle, ends, which))
+        free[which[near]] = False
+        stays = free[owner]
+        stays[turn] = False
+        waiting, owner, urgent = waiting[stays], owner[stays], urgent[stays]
+        for path, position in zip(which[near].tolist(), middle[near].tolist(), strict=True):
+            # There the others of its choice are mostly blocked as well.
+            share = (position - begin[path]) / max(count[path] - 1, 1)
+            there = begin[owner] + share * (count[owner] - 1)
+            hit = (choice[owner] == choice[path]) & ~urgent
+            hit &= (waiting[:, 0] <= there) & (there <= waiting[:, 1])
+            waiting[hit, 2] = there[hit]
+            urgent |= hit
+        goes_on = free[which]
+        weights, middle, ends, which = (x[goes_on] for x in (weights, middle, ends, which))
         reached = _reached(travel, weights, middle, ends)
         left = np.stack([np.minimum(reached, ends), np.maximum(reached, ends)], axis=2)
         # What a look reached there it will reach about again.
@@ -103,6 +108,7 @@ def advance_each(
         parts = np.clip(np.ceil(_EXPECT * further[is_left]), 1, most).astype(np.int64)
         more, whose = _divided(left[is_left], parts, np.repeat(which[:, None], 2, axis=1)[is_left])
         waiting, owner = np.concatenate([waiting, more]), np.concatenate([owner, whose])
+        urgent = np.concatenate([urgent, np.zeros(len(more), dtype=bool)])
 
 
 def _first(free: NDArray[np.bool_], choice: NDArray[np.int64]) -> NDArray[np.bool_]:
@@ -116,14 +122,17 @@ def _first(free: NDArray[np.bool_], choice: NDArray[np.int64]) -> NDArray[np.boo
 def _divided(
     ends: Array, parts: NDArray[np.int64], owner: NDArray[np.int64]
 ) -> tuple[Array, NDArray[np.int64]]:
-    """Return stretches (W, 2) that divide each of some (K, 2) into parts, and their owners."""
+    """Return stretches that divide each of some (K, 2) into parts, and their owners.
+
+    A stretch (W, 3) has its ends, and where in it to look.
+    """
     index = np.repeat(np.arange(len(ends)), parts)
     number = np.arange(len(index)) - np.repeat(np.cumsum(parts) - parts, parts)
     begin, end = ends[index].T
     lower = begin + (end - begin) * (number / parts[index])
     upper = begin + (end - begin) * ((number + 1) / parts[index])
     upper = np.where(number + 1 == parts[index], end, upper)
-    return np.stack([lower, upper], axis=1), owner[index]
+    return np.stack([lower, upper, (lower + upper) / 2], axis=1), owner[index]
 
 
 def _reached(travel: Array, weights: Array, middle: Array, ends: Array) -> Array:

@@ -202,40 +202,28 @@ class LegFinder:
 
     def _search(self, wishes: Sequence[Wanted]) -> None:
         """Find lines, and of each move the straight one if it is free, else the least detour."""
-        answers = self._oracle.blocked_each([wanted.asks(wanted.q) for wanted in wishes])
-        moves: list[tuple[Wanted, str]] = []
-        for wanted, what in zip(wishes, answers, strict=True):
-            if what is None:
-                self._found[wanted.key] = self._legs(wanted.q, wanted)
-            elif wanted.is_move:
-                moves.append((wanted, what))
+        ways = [[wanted.q, *(self._detours(wanted) if wanted.is_move else ())] for wanted in wishes]
+        answers = self._oracle.first_free(
+            [
+                [wanted.asks(way) for way in of_one]
+                for wanted, of_one in zip(wishes, ways, strict=True)
+            ]
+        )
+        for wanted, of_one, answer in zip(wishes, ways, answers, strict=True):
+            if isinstance(answer, str):
+                self._found[wanted.key] = self._blocked(wanted, answer)
             else:
-                self._found[wanted.key] = Blocked(stage=wanted.stage, what=what)
-        self._go_around(moves)
+                self._found[wanted.key] = self._legs(of_one[answer], wanted)
 
-    def _go_around(self, moves: Sequence[tuple[Wanted, str]]) -> None:
-        """Find the least free detours of moves, of which what blocks the straight ways is known."""
-        detours = [self._detours(wanted) for wanted, _ in moves]
-        ends = [wanted.asks(q[None]) for wanted, _ in moves for q in wanted.q]
-        choices = [
-            [wanted.asks(way) for way in ways]
-            for (wanted, _), ways in zip(moves, detours, strict=True)
-        ]
-        answers = self._oracle.first_free([*([end] for end in ends), *choices])
-        for index, ((wanted, blocked), ways) in enumerate(zip(moves, detours, strict=True)):
-            found = answers[len(ends) + index]
-            near = [answers[2 * index + end] for end in (0, 1)]
-            if isinstance(near[0], str) or isinstance(near[1], str):
-                name, what = ("start", near[0]) if isinstance(near[0], str) else ("end", near[1])
-                self._found[wanted.key] = Blocked(
-                    stage=wanted.stage, what=f"{what} already at the {name}"
-                )
-            elif isinstance(found, str):
-                self._found[wanted.key] = Blocked(
-                    stage=wanted.stage, what=found or blocked, final=False
-                )
-            else:
-                self._found[wanted.key] = self._legs(ways[found], wanted)
+    def _blocked(self, wanted: Wanted, what: str) -> Blocked:
+        """Return what blocks a wish: final if it is no move, or a move that an end blocks."""
+        if not wanted.is_move:
+            return Blocked(stage=wanted.stage, what=what)
+        ends = self._oracle.blocked_each([wanted.asks(q[None]) for q in wanted.q])
+        for name, near in zip(("start", "end"), ends, strict=True):
+            if near is not None:
+                return Blocked(stage=wanted.stage, what=f"{near} already at the {name}")
+        return Blocked(stage=wanted.stage, what=what, final=False)
 
     def _detours(self, wanted: Wanted) -> list[Array]:
         """Return the ways (3, 6) around what blocks the straight one, the least first."""

@@ -16,6 +16,8 @@ JERK_TIME = 0.05
 """Time from zero to the acceleration limit at the jerk limit [s]."""
 
 _INSTANT = 1e-9  # [s]
+_PEAK = 0.98  # share of the greatest value that a peak must have to be looked at closely
+_ASIDE = np.array([-0.8, -0.6, -0.4, -0.2, 0.2, 0.4, 0.6, 0.8])  # in steps
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -65,8 +67,27 @@ def around(times: Array) -> Array:
     return np.concatenate([times - _INSTANT, times + _INSTANT])
 
 
+def usages(derivatives: Sequence[Array] | Array, limits: MotionLimits) -> Array:
+    """Return the largest |qd|/v, |qdd|/a and |qddd|/j (3, N) of three derivatives (N, 6) of q."""
+    bounds = np.stack([limits.velocity, limits.acceleration, limits.jerk])[:, None]
+    return np.asarray(np.max(np.abs(derivatives) / bounds, axis=2))
+
+
 def usage(derivatives: Sequence[Array] | Array, limits: MotionLimits) -> tuple[float, float, float]:
     """Return the largest |qd|/v, |qdd|/a and |qddd|/j of three derivatives (N, 6) of q."""
-    bounds = np.stack([limits.velocity, limits.acceleration, limits.jerk])[:, None]
-    v, a, j = np.max(np.abs(derivatives) / bounds, axis=(1, 2)).tolist()
+    v, a, j = np.max(usages(derivatives, limits), axis=1, initial=0.0).tolist()
     return v, a, j
+
+
+def about_peaks(t: Array, values: Array) -> Array:
+    """Return where a smooth function may be greatest: instants (M,) about its highest peaks.
+
+    Args:
+        t: (N,) even times.
+        values: (N,) of the function there.
+    """
+    if len(t) < 3:
+        return np.empty(0)
+    inner = values[1:-1]
+    peak = (inner >= values[:-2]) & (inner > values[2:]) & (inner > _PEAK * np.max(values))
+    return np.asarray((t[1:-1][peak, None] + (t[1] - t[0]) * _ASIDE).ravel())

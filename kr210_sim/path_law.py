@@ -5,15 +5,16 @@ from __future__ import annotations
 import numpy as np
 
 from kr210_sim.arrays import Array
-from kr210_sim.limits import MotionLimits, around, rates, usage
+from kr210_sim.limits import MotionLimits, about_peaks, around, rates, usages
 from kr210_sim.path import Path
 from kr210_sim.time_law import TimeLaw
 
 _MARGIN = 1.0 - 1e-4  # share of the limits that is used, for what lies between the samples
 _GRID = 81  # points of a path at which its limits are estimated
-_INSTANTS = 5  # of each phase of constant jerk at which shapes are compared
-_SAMPLES = 2000  # instants of a motion at which its limits are evaluated
-_SPEEDS = np.geomspace(0.1, 1.0, 12)  # shares of the speed limit tried on a curved path
+_INSTANTS = 3  # of each phase of constant jerk at which shapes are compared
+_SAMPLES = 300  # instants of a motion at which its limits are evaluated, before closer looks
+_ROOTS = 1 / np.arange(1.0, 4.0)[:, None]  # orders of what a time scale changes
+_SPEEDS = np.geomspace(0.1, 1.0, 8)  # shares of the speed limit tried on a curved path
 _JERK_SHARES = (1.0, 0.7, 0.4)  # of the acceleration limit, to leave jerk to the curvature
 _LEAST = 0.05  # of the acceleration and jerk limits that a shape keeps on a tight curve
 
@@ -121,7 +122,13 @@ def _fitted(path: Path, shape: tuple[float, float, float], limits: MotionLimits)
     """Return the law within (V, A, J), scaled in time until it touches its tightest limit."""
     v, a, j = shape
     law = TimeLaw(path.length, v, a, j)
-    t = np.concatenate([np.linspace(0.0, law.duration, _SAMPLES), around(law.changes)])
-    used = usage(rates(path, law, t), limits)
-    stretch = max(share ** (1 / order) for order, share in enumerate(used, start=1)) / _MARGIN
-    return TimeLaw(path.length, v / stretch, a / stretch**2, j / stretch**3)
+    t = np.linspace(0.0, law.duration, _SAMPLES)
+    stretch = _stretch(path, law, t, limits)
+    closer = np.concatenate([around(law.changes), about_peaks(t, stretch)])
+    most = max(np.max(stretch), np.max(_stretch(path, law, closer, limits))) / _MARGIN
+    return TimeLaw(path.length, v / most, a / most**2, j / most**3)
+
+
+def _stretch(path: Path, law: TimeLaw, t: Array, limits: MotionLimits) -> Array:
+    """Return how much slower (N,) a law must be so that the limits hold at times t (N,) [s]."""
+    return np.asarray(np.max(usages(rates(path, law, t), limits) ** _ROOTS, axis=0))

@@ -22,7 +22,7 @@ It stands for what `grip_load` leaves out: the moments of a turning target, and 
 its own share. Simulated grasps of 500 N were lost from a load of 620 N on.
 """
 
-_STEP = 2e-3  # [s], of the samples of a trajectory
+_STEP = 4e-3  # [s], of the samples of a trajectory
 _HALVINGS = 40
 
 

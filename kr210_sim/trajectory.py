@@ -8,13 +8,13 @@ from typing import TypeAlias
 import numpy as np
 
 from kr210_sim.arrays import Array
-from kr210_sim.limits import MotionLimits, around, rates, usage
+from kr210_sim.limits import MotionLimits, about_peaks, around, rates, usage, usages
 from kr210_sim.path import Path
 from kr210_sim.path_law import quickest_law
 from kr210_sim.time_law import TimeLaw
 
 _CHECK_RATE = 1000.0  # [Hz]
-_OVERLAP_STEP = 1 / 250  # of overlaps, as a share of the time to accelerate to full speed
+_OVERLAP_STEP = 1 / 125  # of overlaps, as a share of the time to accelerate to full speed
 _GLANCES = 24  # instants at which all overlaps are compared with the limits at once
 _SHARE = 0.75  # of a motion, at most, that overlaps the one before it
 _SHRINK = 0.8  # of an overlap that is not clear
@@ -233,12 +233,15 @@ class _Corner:
         return np.asarray(first[..., end:, :] + second[..., : self.overlap + 1, :])
 
     def _holds(self) -> bool:
-        """Tell whether the limits hold step by step, and where a jerk jumps."""
-        if max(usage(self._total(slice(1, 4)), self._limits)) > 1.0:
+        """Tell whether the limits hold step by step, between the steps, and where a jerk jumps."""
+        used = np.max(usages(self._total(slice(1, 4)), self._limits), axis=0)
+        if np.max(used) > 1.0:
             return False
         before, after = self._laws
         start = before.duration - self._step * self.overlap
-        t = around(np.concatenate([before.changes, start + after.changes]))
+        jumps = around(np.concatenate([before.changes, start + after.changes]))
+        steps = start + self._step * np.arange(len(used))
+        t = np.concatenate([jumps, about_peaks(steps, used)])
         t = t[(t > start) & (t < before.duration)]
         total = rates(self._paths[0], before, t) + rates(self._paths[1], after, t - start)
         return max(usage(total, self._limits)) <= 1.0
