@@ -12,7 +12,6 @@ from typing import Any, cast, get_args, get_origin, get_type_hints
 from kr210_sim.criteria import CLEARANCE_CAP, CLEARANCE_FREE
 from kr210_sim.exceptions import BadInput
 from kr210_sim.film.format import FPS, SIZE, Format, make_format
-from kr210_sim.gates import Gates
 from kr210_sim.grading.source import FRAMES, SCOPES, SolverLimits, SolverSource
 from kr210_sim.randomize import Randomization, read_randomization
 from kr210_sim.source import RobotSource
@@ -255,17 +254,6 @@ class RunConfig:
             raise BadInput(f"--ik-scope: no '{self.ik_scope}'; give one of {', '.join(SCOPES)}")
         if self.ik_scope is not None and self.ik == "analytic":
             raise BadInput("--ik-scope: the analytic IK plans all legs; name another by --ik")
-
-    def gates(self) -> Gates:
-        """Return what the run must reach."""
-        return Gates(
-            min_success=self.min_success,
-            confidence=self.confidence,
-            stop_early=self.stop_early,
-            indifference=self.indifference,
-            max_ik_offset=self.max_ik_offset,
-            max_cycle_time=self.max_cycle_time,
-        )
 
     def _check_campaign(self) -> None:
         """Check how the cycles are shared out and what is kept of them."""

@@ -13,6 +13,7 @@ import ik
 from kr210_sim.config import RunConfig
 from kr210_sim.criteria import CLEARANCE_FREE
 from kr210_sim.cycle import CycleSetup, run_cycle
+from kr210_sim.draws import Draws
 from kr210_sim.exceptions import BadInput
 from kr210_sim.grading.findings import Refused
 from kr210_sim.grading.foreign import ForeignSolver
@@ -152,7 +153,7 @@ def plan_episode(config: RunConfig, scene: Scene, index: int) -> Episode:
     if everywhere:
         cells = tuple(cell.number for cell in scene.cells)[: len(seeds)]
     elif randomization is not None and "cell" in randomization.block:
-        cells = tuple(int(randomization.draws(seed).number("cell")) for seed in seeds)
+        cells = tuple(int(Draws(randomization.block, seed).number("cell")) for seed in seeds)
     elif config.cell == "random":
         cells = tuple(
             int(np.random.default_rng(seed).integers(1, len(scene.cells) + 1)) for seed in seeds

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import Any
 
+from kr210_sim.config import RunConfig
 from kr210_sim.proof import PASSED, ExactTest, SequentialTest, Watch
 
 
@@ -28,6 +29,11 @@ class Gates:
     indifference: float | None = None
     max_ik_offset: float | None = None
     max_cycle_time: float | None = None
+
+    @classmethod
+    def of(cls, config: RunConfig) -> Gates:
+        """Return what a run must reach: options and gates have the same names."""
+        return cls(**{gate.name: getattr(config, gate.name) for gate in fields(cls)})
 
     def watch(self) -> Watch | None:
         """Return what follows the cycles of a run until its success rate is decided."""

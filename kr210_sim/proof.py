@@ -7,7 +7,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
-from scipy.stats import binomtest
+from kr210_sim.stats import lower_bound, upper_bound
 
 MOST_CYCLES = 10**8
 """Needed cycles are not counted beyond this."""
@@ -17,18 +17,6 @@ PASSED, FAILED, UNDECIDED = "passed", "failed", "undecided"
 FEWER_FAILURES = 5.0
 """Without an indifference width, a pass is to be likely where failures are this many times rarer
 than the gate allows."""
-
-
-def lower_bound(succeeded: int, cycles: int, confidence: float) -> float:
-    """Return the exact (Clopper-Pearson) one-sided lower bound of a success rate."""
-    test = binomtest(succeeded, cycles, alternative="greater")
-    return float(test.proportion_ci(confidence, method="exact").low)
-
-
-def upper_bound(succeeded: int, cycles: int, confidence: float) -> float:
-    """Return the exact (Clopper-Pearson) one-sided upper bound of a success rate."""
-    test = binomtest(succeeded, cycles, alternative="less")
-    return float(test.proportion_ci(confidence, method="exact").high)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -1,4 +1,4 @@
-"""What is random in a cycle: quantities, distributions, presets, and the draws of one seed."""
+"""What is random in a cycle: quantities, distributions, presets, and files of the same form."""
 
 from __future__ import annotations
 
@@ -10,17 +10,12 @@ from dataclasses import astuple, dataclass
 from pathlib import Path
 from typing import Any, ClassVar, TypeAlias
 
-import numpy as np
-
-from kr210_sim.arrays import Array
 from kr210_sim.exceptions import BadInput
 from kr210_sim.resources import resource
 
 FOLDER = "randomization"
 PRESETS = ("course", "nominal", "hard")
 MOST_BYTES = 1_000_000  # of a file
-
-Value: TypeAlias = float | int | list[float]
 
 
 @dataclass(frozen=True)
@@ -34,10 +29,6 @@ class Fixed:
     def bounds(self) -> tuple[float, float]:
         """Smallest and largest value."""
         return self.value, self.value
-
-    def draw(self, rng: np.random.Generator, count: int) -> Array:
-        """Return (count,) values."""
-        return np.full(count, self.value)
 
 
 @dataclass(frozen=True)
@@ -58,10 +49,6 @@ class Uniform:
         """Smallest and largest value."""
         return self.low, self.high
 
-    def draw(self, rng: np.random.Generator, count: int) -> Array:
-        """Return (count,) values."""
-        return rng.uniform(self.low, self.high, count)
-
 
 @dataclass(frozen=True)
 class LogUniform:
@@ -80,11 +67,6 @@ class LogUniform:
     def bounds(self) -> tuple[float, float]:
         """Smallest and largest value."""
         return self.low, self.high
-
-    def draw(self, rng: np.random.Generator, count: int) -> Array:
-        """Return (count,) values; rounding keeps within the bounds."""
-        values = np.exp(rng.uniform(math.log(self.low), math.log(self.high), count))
-        return np.clip(values, self.low, self.high)
 
 
 @dataclass(frozen=True)
@@ -105,10 +87,6 @@ class Normal:
         """Smallest and largest value."""
         return (-math.inf, math.inf) if self.sigma else (self.mean, self.mean)
 
-    def draw(self, rng: np.random.Generator, count: int) -> Array:
-        """Return (count,) values."""
-        return rng.normal(self.mean, self.sigma, count)
-
 
 @dataclass(frozen=True)
 class Choice:
@@ -127,10 +105,6 @@ class Choice:
     def bounds(self) -> tuple[float, float]:
         """Smallest and largest value."""
         return min(self.values), max(self.values)
-
-    def draw(self, rng: np.random.Generator, count: int) -> Array:
-        """Return (count,) values."""
-        return np.array(self.values, dtype=float)[rng.integers(0, len(self.values), count)]
 
 
 Distribution: TypeAlias = Fixed | Uniform | LogUniform | Normal | Choice
@@ -180,35 +154,6 @@ QUANTITIES: dict[str, Quantity] = {
 """In an order that never changes: a quantity's place decides which random stream is its own."""
 
 
-class Draws:
-    """The random values of one cycle.
-
-    Every quantity has a stream of its own, a child of the cycle's seed: what is drawn for one does
-    not depend on which others are random, on how often they are drawn, or on other cycles.
-    """
-
-    def __init__(self, block: Mapping[str, Distribution], seed: int) -> None:
-        self._block = block
-        self._streams = {
-            name: np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(place,)))
-            for place, name in enumerate(QUANTITIES)
-            if name in block
-        }
-
-    def __contains__(self, name: str) -> bool:
-        """Tell whether a quantity is random."""
-        return name in self._block
-
-    def number(self, name: str) -> float:
-        """Return the next value of a random quantity that has one."""
-        return self.vector(name)[0]
-
-    def vector(self, name: str) -> list[float]:
-        """Return the next values of a random quantity."""
-        values = self._block[name].draw(self._streams[name], QUANTITIES[name].count)
-        return [float(value) for value in values]
-
-
 @dataclass(frozen=True, kw_only=True)
 class Randomization:
     """A randomisation block: which quantities are random, and how.
@@ -221,24 +166,9 @@ class Randomization:
     name: str
     block: Mapping[str, Distribution]
 
-    def draws(self, seed: int) -> Draws:
-        """Return the draws of the cycle with that seed."""
-        return Draws(self.block, seed)
-
     def bounds(self, name: str) -> tuple[float, float] | None:
         """Return smallest and largest value of a quantity, None if it is not random."""
         return self.block[name].bounds if name in self.block else None
-
-    def sigma(self, name: str) -> float:
-        """Return the standard deviation of one value of a quantity, 0 if it is not random."""
-        match self.block.get(name):
-            case Normal(_, sigma):
-                return sigma
-            case Uniform(low, high):
-                return (high - low) / math.sqrt(12)
-            case Choice(values):
-                return float(np.std(values))
-        return 0.0
 
     def as_json(self) -> dict[str, Any]:
         """Return the block in the form of a file, so that a run can be done again without it."""

@@ -8,11 +8,11 @@ import numpy as np
 
 from kr210_sim.arrays import Array
 from kr210_sim.collision import MujocoOracle
+from kr210_sim.draws import Value
 from kr210_sim.exceptions import CycleFailure
 from kr210_sim.legs import CLEARANCE_CELL, Hand, Leg
 from kr210_sim.motions import CycleSetup, TimedMotion, timed_motions
 from kr210_sim.path import Path
-from kr210_sim.randomize import Value
 from kr210_sim.scene import Target
 from kr210_sim.simulation import Simulation
 from kr210_sim.task import WITHDRAW_DISTANCE

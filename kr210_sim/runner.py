@@ -36,6 +36,7 @@ from kr210_sim.episodes import (
     requested_cycles,
 )
 from kr210_sim.exceptions import Interrupted, NotWritten
+from kr210_sim.gates import Gates
 from kr210_sim.interrupts import no_interrupt
 from kr210_sim.limits import MotionLimits
 from kr210_sim.randomize import PRESETS
@@ -233,7 +234,7 @@ class _Campaign:
 
     def _watch(self) -> None:
         """Let the journal end where the success rate is decided, by its cycles in their order."""
-        watch = self._config.gates().watch()
+        watch = Gates.of(self._config).watch()
         if watch is None:
             return
 

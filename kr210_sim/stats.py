@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.stats import binomtest
+from scipy.special import betainccinv, betaincinv  # scipy.stats takes a second to import
 
 _QUANTILES = {"p50": 0.50, "p95": 0.95, "p99": 0.99}
 
@@ -29,10 +29,29 @@ def spread(values: ArrayLike, *names: str) -> dict[str, float | None]:
     }
 
 
+def lower_bound(succeeded: int, cycles: int, confidence: float) -> float:
+    """Return the exact one-sided lower bound of a success rate.
+
+    The rate at which so many successes or more have a chance of 1 - confidence (C. J. Clopper and
+    E. S. Pearson, Biometrika 26, 1934); by the beta distribution, whose sum of binomial terms it is
+    (NIST Digital Library of Mathematical Functions, 8.17.5).
+    """
+    if not succeeded:
+        return 0.0
+    return float(betainccinv(succeeded, cycles - succeeded + 1, confidence))
+
+
+def upper_bound(succeeded: int, cycles: int, confidence: float) -> float:
+    """Return the exact one-sided upper bound of a success rate, likewise."""
+    if succeeded == cycles:
+        return 1.0
+    return float(betaincinv(succeeded + 1, cycles - succeeded, confidence))
+
+
 def success_interval(succeeded: int, cycles: int, confidence: float = 0.95) -> tuple[float, float]:
-    """Return the exact (Clopper-Pearson) interval of a success rate."""
-    interval = binomtest(succeeded, cycles).proportion_ci(confidence, method="exact")
-    return float(interval.low), float(interval.high)
+    """Return the exact (Clopper-Pearson) two-sided interval of a success rate."""
+    each = (1 + confidence) / 2
+    return lower_bound(succeeded, cycles, each), upper_bound(succeeded, cycles, each)
 
 
 def histogram(values: ArrayLike) -> dict[str, Any]:

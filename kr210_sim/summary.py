@@ -10,6 +10,7 @@ from typing import Any
 from kr210_sim.config import RunConfig
 from kr210_sim.criteria import CLEARANCE_CAP
 from kr210_sim.failures import FirstCauses, causes_text
+from kr210_sim.gates import Gates
 from kr210_sim.limits import MotionLimits
 from kr210_sim.proof import UNDECIDED, Watch
 from kr210_sim.stats import Pool, spread, success_interval
@@ -44,7 +45,7 @@ def summarize(
         stopped_early: whether no more cycles are needed.
         requested: cycles that were asked for; None for those of the options.
     """
-    gates, requested = config.gates(), requested or config.cycles
+    gates, requested = Gates.of(config), requested or config.cycles
     tally = _Tally(lines, gates.watch(), FirstCauses(config))
     cycles, succeeded, spreads = tally.cycles, tally.succeeded, tally.spreads()
     complete = stopped_early or cycles == requested

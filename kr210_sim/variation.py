@@ -9,7 +9,8 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from kr210_sim.arrays import Array
-from kr210_sim.randomize import Draws, Randomization, Value
+from kr210_sim.draws import Draws, Value
+from kr210_sim.randomize import Randomization
 from kr210_sim.room import Room
 from kr210_sim.scene import Scene, Target
 from kr210_sim.simulation import Simulation
@@ -150,7 +151,7 @@ def vary(
 def _vary(
     scene: Scene, room: Room, target: Target, seed: int, randomization: Randomization
 ) -> tuple[Target, Variation]:
-    draws = randomization.draws(seed)
+    draws = Draws(randomization.block, seed)
     drawn: dict[str, Value] = {"cell": target.cell} if "cell" in draws else {}
 
     def number(name: str, default: float) -> float:

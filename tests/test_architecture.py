@@ -75,6 +75,15 @@ def ours(imported: set[str]) -> set[str]:
 NEEDS = {name: ours(imports_of(tree_of(name))) for name in NAMES}
 
 
+def below(name: str) -> set[str]:
+    """Return a module of ours and all of ours that it needs, directly or through others."""
+    seen, waiting = set(), {name}
+    while waiting:
+        seen |= waiting
+        waiting = set().union(*(NEEDS[module] for module in waiting)) - seen
+    return seen
+
+
 def brought_by(statement: str) -> set[str]:
     """Return the top-level modules that a statement adds to a fresh interpreter."""
     program = (
@@ -104,11 +113,7 @@ def test_planning_timing_and_scoring_run_without_mujoco():
 
 @pytest.mark.parametrize("name", WITHOUT_MUJOCO)
 def test_no_module_reaches_mujoco_through_another_of_ours(name):
-    seen, waiting = set(), {name}
-    while waiting:
-        seen |= waiting
-        waiting = set().union(*(NEEDS[module] for module in waiting)) - seen
-    reaching = {module for module in seen if "mujoco" in imports_of(tree_of(module))}
+    reaching = {module for module in below(name) if "mujoco" in imports_of(tree_of(module))}
     assert reaching == set()
 
 
@@ -134,6 +139,28 @@ def test_the_command_line_stands_at_the_top():
     for name, needs in NEEDS.items():
         if name != "cli" and not name.startswith("verbs."):
             assert not any(needed.startswith("verbs.") for needed in needs), name
+
+
+SHOW_HELP = """
+import contextlib, io
+from kr210_sim.cli import main
+with contextlib.redirect_stdout(io.StringIO()), contextlib.suppress(SystemExit):
+    main(["--help"])
+"""
+
+
+@pytest.mark.parametrize("statement", ["import kr210_sim", SHOW_HELP], ids=["import", "help"])
+def test_what_needs_no_package_loads_none(statement):
+    assert brought_by(statement) - set(sys.stdlib_module_names) == {"kr210_sim"}
+
+
+def test_a_run_loads_nothing_that_only_other_verbs_need():
+    needed = below("runner")
+    assert "cycle" in needed
+    heavy = ("scipy.stats", "matplotlib", "jinja2", "PIL", "imageio_ffmpeg", "viser")
+    for name in needed:
+        found = [each for each in imports_of(tree_of(name)) if each.startswith(heavy)]
+        assert not found, name
 
 
 # ---- names ----------------------------------------------------------------------------------

@@ -18,10 +18,8 @@ from kr210_sim.proof import (
     ExactTest,
     SequentialTest,
     Watch,
-    lower_bound,
-    upper_bound,
 )
-from kr210_sim.stats import success_interval
+from kr210_sim.stats import lower_bound, success_interval, upper_bound
 
 # ---- all cycles at once ---------------------------------------------------------------------
 
@@ -244,7 +242,8 @@ def test_a_proof_that_makes_no_sense_is_refused(options, named):
 @pytest.mark.parametrize("rate", [1e-6, 0.5, 0.999, 1 - 1e-6])
 @pytest.mark.parametrize("confidence", [0.500001, 1 - 1e-6])
 def test_whatever_is_not_refused_can_be_tested(rate, confidence):
-    gates = RunConfig(min_success=rate, confidence=confidence, stop_early=True).gates()
+    config = RunConfig(min_success=rate, confidence=confidence, stop_early=True)
+    gates = Gates.of(config)
     watch = gates.watch()
     watch.see(True)
     assert watch.as_json()["verdict"] in (PASSED, FAILED, UNDECIDED)

@@ -17,6 +17,7 @@ from kr210_sim.cli import main
 from kr210_sim.config import RunConfig
 from kr210_sim.control import Controller
 from kr210_sim.cycle import CycleSetup, run_cycle
+from kr210_sim.draws import Draws
 from kr210_sim.episodes import TARGET_LENGTH, episode_targets, plan_episodes
 from kr210_sim.exceptions import BadInput
 from kr210_sim.mjcf import PAD_PRIORITY
@@ -157,7 +158,7 @@ def test_json_and_toml_give_the_same_block(tmp_path):
 @pytest.mark.parametrize("name", PRESETS)
 def test_a_thousand_draws_keep_their_ranges_and_reach_their_ends(name):
     randomization = read_randomization(name)
-    draws = [randomization.draws(seed) for seed in range(1000)]
+    draws = [Draws(randomization.block, seed) for seed in range(1000)]
     for quantity, distribution in randomization.block.items():
         drawn = np.array([cycle.vector(quantity) for cycle in draws])
         assert drawn.shape == (1000, QUANTITIES[quantity].count)
@@ -177,16 +178,16 @@ def test_a_thousand_draws_keep_their_ranges_and_reach_their_ends(name):
 
 def test_a_seed_always_draws_the_same_and_another_seed_something_else():
     for name in HARD.block:
-        assert HARD.draws(7).vector(name) == HARD.draws(7).vector(name)
-        assert HARD.draws(7).vector(name) != HARD.draws(8).vector(name)
+        assert Draws(HARD.block, 7).vector(name) == Draws(HARD.block, 7).vector(name)
+        assert Draws(HARD.block, 7).vector(name) != Draws(HARD.block, 8).vector(name)
 
 
 def test_a_quantity_does_not_depend_on_which_others_are_random():
     alone = block(target_mass_kg={"log_uniform": [0.05, 10.0]})
-    draws = HARD.draws(3)
+    draws = Draws(HARD.block, 3)
     for _ in range(5):
         draws.vector("target_x_m")
-    assert draws.number("target_mass_kg") == alone.draws(3).number("target_mass_kg")
+    assert draws.number("target_mass_kg") == Draws(alone.block, 3).number("target_mass_kg")
 
 
 def test_draws_of_a_cycle_do_not_depend_on_other_cycles(scene):
@@ -242,7 +243,7 @@ def test_a_target_over_the_edge_or_in_an_upright_does_not_stand_free(scene):
 
 def test_a_target_in_an_upright_is_drawn_again_until_it_stands_free(scene):
     wide = block(target_y_m={"uniform": [-0.5, 0.5]})
-    first = [wide.draws(seed).number("target_y_m") for seed in range(20)]
+    first = [Draws(wide.block, seed).number("target_y_m") for seed in range(20)]
     targets = [standing_target(scene, 5)] * 20
     drawn = [
         variation.drawn["target_y_m"] for _, variation in vary(scene, targets, range(20), wide)
@@ -257,7 +258,7 @@ def test_a_start_configuration_is_clear_of_the_shelf(scene):
     wide = block(start_rad={"uniform": [-0.6, 0.6]})
     targets = [standing_target(scene, 5)] * 20
     room = Room(scene, targets[0])
-    first = np.array([wide.draws(seed).vector("start_rad") for seed in range(20)])
+    first = np.array([Draws(wide.block, seed).vector("start_rad") for seed in range(20)])
     clear = [room.clear(q[None], targets[0]) for q in first]
     assert any(clear)
     assert not all(clear)

@@ -13,6 +13,7 @@ from test_cycle import assert_equal_but_for_the_clock
 
 from kr210_sim.config import RunConfig
 from kr210_sim.cycle import Probe
+from kr210_sim.draws import Draws
 from kr210_sim.exceptions import BadInput
 from kr210_sim.grip import Grip
 from kr210_sim.limits import MotionLimits
@@ -34,7 +35,7 @@ def seen(scene: Scene, *, first: float, later: float | None = None) -> Variation
     T = standing_target(scene, 5).T_base_target.copy()
     T[:3, 3] += first * scene.cell(5).T_base_cell[:3, 0]
     block = {} if later is None else {"perceived_depth_m": later}
-    draws = make_randomization("a test", block).draws(seed=0)
+    draws = Draws(make_randomization("a test", block).block, seed=0)
     return Variation(T_base_perceived=T, draws=draws)
 
 

@@ -6,6 +6,7 @@ import pickle
 
 import numpy as np
 import pytest
+from scipy.stats import binomtest
 
 from kr210_sim.stats import Pool, histogram, spread, success_interval
 
@@ -23,6 +24,16 @@ from kr210_sim.stats import Pool, histogram, spread, success_interval
 )
 def test_the_interval_is_that_of_clopper_and_pearson(succeeded, cycles, low, high):
     assert success_interval(succeeded, cycles) == pytest.approx((low, high), abs=5e-5)
+
+
+@pytest.mark.parametrize(
+    ("succeeded", "cycles", "confidence"),
+    [(0, 10, 0.95), (3, 7, 0.9), (7190, 7200, 0.99), (10**8 - 100, 10**8, 1 - 1e-6)],
+)
+def test_the_interval_is_that_of_the_binomial_test_of_scipy(succeeded, cycles, confidence):
+    test = binomtest(succeeded, cycles).proportion_ci(confidence, method="exact")
+    found = success_interval(succeeded, cycles, confidence)
+    assert found == pytest.approx((test.low, test.high), rel=1e-12, abs=1e-12)
 
 
 @pytest.mark.parametrize("cycles", [1, 7, 40])

@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 import sys
 from collections.abc import Sequence
-from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -33,10 +32,21 @@ ROBOT_OPTIONS = (
 """The options that say what the robot is, common to all verbs that read one."""
 
 
+class _Versions(argparse.Action):
+    """Print ours, MuJoCo's and ruckig's, looked up when they are asked for."""
+
+    def __call__(self, parser: argparse.ArgumentParser, *_given: Any) -> None:
+        from importlib.metadata import version
+
+        print(f"kr210-sim {__version__}, MuJoCo {version('mujoco')}, ruckig {version('ruckig')}")
+        parser.exit()
+
+
 def add_version(parser: argparse.ArgumentParser) -> None:
     """Add `--version`: ours, MuJoCo's and ruckig's."""
-    versions = f"kr210-sim {__version__}, MuJoCo {version('mujoco')}, ruckig {version('ruckig')}"
-    parser.add_argument("--version", action="version", version=versions)
+    parser.add_argument(
+        "--version", action=_Versions, nargs=0, help="show program's version number and exit"
+    )
 
 
 def add_option(parser: argparse.ArgumentParser, name: str, *, only_given: bool = False) -> None:

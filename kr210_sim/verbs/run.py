@@ -15,7 +15,6 @@ from kr210_sim.exceptions import BadInput
 from kr210_sim.failures import show_again
 from kr210_sim.film.format import FILM, check_cameras
 from kr210_sim.interrupts import one_interrupt
-from kr210_sim.junit import write_junit
 from kr210_sim.options import read_options
 from kr210_sim.progress import ProgressBar
 from kr210_sim.verbs.common import (
@@ -60,6 +59,7 @@ def _run(options: argparse.Namespace) -> int:
     config = RunConfig(**((read_options(options.config) if options.config else {}) | given))
     film = _film(config)
     _check_junit(config)
+    from kr210_sim.junit import write_junit
     from kr210_sim.results import read_lines
     from kr210_sim.runner import absolute, run
     from kr210_sim.summary import HEADER, cycle_line, exit_text, summary_text
