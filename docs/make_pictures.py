@@ -9,12 +9,15 @@ import os
 import subprocess
 import sys
 import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from PIL import Image
 
+from kr210_sim.film.format import Format
 from kr210_sim.film.take import read_duration
 from kr210_sim.results import record_path
 from kr210_sim.video import draw_stills, find_gl
@@ -22,6 +25,10 @@ from kr210_sim.video import draw_stills, find_gl
 IMAGES = Path(__file__).resolve().parent / "images"
 PICTURES = {"cycle.png": (5, "overview", 0.5), "grasp.png": (5, "shelf", 0.22)}
 """File -> cell of the target, camera, and share of the cycle at which to look."""
+
+ANIMATION = "cycle.webp"
+ANIMATED_CELL, ANIMATED_SIZE, ANIMATED_FPS = 5, (800, 450), 12.5
+ANIMATED_QUALITY = 50  # of WebP, 0 to 100: 300 kB
 
 ROBOT_POSE = (0.0, -0.38, 0.30, 0.0, 0.55, 0.0)  # [rad]
 ROBOT_VIEWS = {
@@ -53,6 +60,8 @@ def main(chosen: list[str]) -> None:
     if "MUJOCO_GL" not in os.environ:  # MuJoCo reads it when first imported
         environment = os.environ | {"MUJOCO_GL": find_gl()}
         sys.exit(subprocess.call([sys.executable, __file__, *chosen], env=environment))
+    if not chosen or ANIMATION in chosen:
+        draw_animation(IMAGES / ANIMATION)
     for name in [*PICTURES, *ROBOT_VIEWS, GRIPPER_PICTURE]:
         if chosen and name not in chosen:
             continue
@@ -65,16 +74,34 @@ def main(chosen: list[str]) -> None:
         picture.save(IMAGES / name, optimize=True)
 
 
-def draw_cycle(cell: int, camera: str, share: float) -> Image.Image:
-    """Run one cycle and draw it from its record."""
+@contextmanager
+def one_cycle(cell: int) -> Iterator[tuple[Path, float]]:
+    """Run one cycle; its run's folder, there within the context, and its duration [s]."""
     from kr210_sim.cli import main as kr210_sim
 
     with tempfile.TemporaryDirectory() as folder:
         out = Path(folder) / "run"
         kr210_sim(["run", "--cycles", "1", "--cell", str(cell), "--out", str(out)])
-        moment = (0, share * read_duration(record_path(out, 0)))
-        (frame,) = draw_stills(out, [moment], cameras=[camera])
+        yield out, read_duration(record_path(out, 0))
+
+
+def draw_cycle(cell: int, camera: str, share: float) -> Image.Image:
+    """Run one cycle and draw it from its record."""
+    with one_cycle(cell) as (out, duration):
+        (frame,) = draw_stills(out, [(0, share * duration)], cameras=[camera])
     return Image.fromarray(frame)
+
+
+def draw_animation(path: Path) -> None:
+    """Run one cycle and draw all of it, its verdict too, as a picture that moves."""
+    form = Format(size=ANIMATED_SIZE, fps=ANIMATED_FPS)
+    with one_cycle(ANIMATED_CELL) as (out, duration):
+        frames = draw_stills(out, form.moments(0, duration), size=form.size)
+    first, *others = map(Image.fromarray, frames)
+    first.save(
+        path, save_all=True, append_images=others, duration=round(1000 / form.fps), loop=0,
+        quality=ANIMATED_QUALITY, method=6,
+    )  # fmt: skip
 
 
 def draw_robot(azimuth: float, elevation: float, distance: float) -> Image.Image:

@@ -17,6 +17,7 @@ from kr210_sim.exceptions import BadInput
 from kr210_sim.runner import run
 from kr210_sim.simulation import Simulation
 from kr210_sim.viewers import native
+from kr210_sim.viewers.cycle_page import FASTEST, SPEEDS, speed_choices
 from kr210_sim.viewers.live import Moment, Watcher
 from kr210_sim.viewers.pace import MAX_SPEED, Pace
 from tests.conftest import standing_target
@@ -125,6 +126,13 @@ def test_a_step_goes_on_to_the_next_stage_and_stands_still_there():
     pace.hold("CLOSE_GRIPPER", 0.02, idle=idle)
     assert seen == [True, True]
     assert changes == [True, False, True]
+
+
+@pytest.mark.parametrize(("speed", "name"), [(1.0, "1 x"), (0.05, "0.05 x"), (20.0, FASTEST)])
+def test_the_speed_of_the_start_is_one_to_choose(speed, name):
+    choices = speed_choices(speed)
+    assert choices[name] == speed
+    assert list(choices.values()) == sorted({*SPEEDS.values(), MAX_SPEED, speed})
 
 
 def test_nobody_is_held_back_once_nobody_watches():

@@ -17,9 +17,12 @@ import numpy as np
 import pytest
 
 import ik
+from kr210_sim.config import RunConfig
+from kr210_sim.runner import run
 from kr210_sim.source import RobotSource
 from kr210_sim.viewers.arm_page import ArmPage
-from kr210_sim.viewers.cycle_page import ReplayPage
+from kr210_sim.viewers.cycle_page import LivePage, ReplayPage
+from kr210_sim.viewers.live import Watcher
 from kr210_sim.viewers.pace import Pace
 from kr210_sim.viewers.page import Page
 from kr210_sim.viewers.replay import Player, load_replay
@@ -75,9 +78,9 @@ def matrix(tab: Any, name: str) -> np.ndarray:
     return np.array([[float(x) for x in row.locator("td").all_inner_texts()] for row in rows])
 
 
-def picture(tab: Any, name: str) -> bytes:
-    """Return a screenshot, and keep it where KR210_SCREENSHOTS says."""
-    shot = tab.screenshot(timeout=PATIENCE, animations="disabled")
+def picture(tab: Any, name: str, clip: dict[str, float] | None = None) -> bytes:
+    """Return a screenshot, or a part of it, and keep it where KR210_SCREENSHOTS says."""
+    shot = tab.screenshot(timeout=PATIENCE, animations="disabled", clip=clip)
     if folder := os.environ.get("KR210_SCREENSHOTS"):
         Path(folder, f"{name}.png").write_bytes(shot)
     return bytes(shot)
@@ -168,6 +171,59 @@ def test_a_recorded_cycle_is_played_and_its_slider_seeks(browser, default_run):
     finally:
         pace.end()
         playing.join()
+        page.close()
+
+
+def test_a_run_pauses_steps_and_changes_its_speed(browser, tmp_path):
+    pace = Pace(0.05)
+    pace.pause()
+    page = Page("127.0.0.1", free_port(), "test")
+    page.cast_shadows(False)
+    watcher = Watcher(LivePage(page, pace), pace)
+    config = RunConfig(cycles=1, cell="5", seed=1, out=tmp_path / "run")
+    done: list[Any] = []
+    running = threading.Thread(
+        target=lambda: done.append(run(config, on_cycle=watcher.tell, onlooker=watcher))
+    )
+    running.start()
+    scene = {"x": 0.0, "y": 150.0, "width": 240.0, "height": 250.0}  # beside the panel
+
+    def told(name: str) -> str:
+        return str(tab.locator(f"#kr-{name}").inner_text())
+
+    def wait_for(name: str, text: str) -> None:
+        found = "([id, text]) => document.querySelector(id)?.innerText === text"
+        tab.wait_for_function(found, arg=[f"#kr-{name}", text])
+
+    def placed() -> np.ndarray:
+        return np.array([node.position for node in page._bodies.values()])
+
+    try:
+        tab, _ = open_page(browser, page.url)
+        wait_for("stage", "MOVE_TO_PICK")  # it stands still: nothing has been missed
+        at_home, before = placed(), picture(tab, "live_home", scene)
+        tab.get_by_label("speed").click()
+        tab.get_by_role("option", name="5 x", exact=True).click()
+        tab.get_by_role("button", name="Step a stage").click()
+        wait_for("stage", "APPROACH")
+        tab.get_by_role("button", name="Go on").wait_for()
+        assert (pace.speed, pace.paused) == (5.0, True)
+        assert np.linalg.norm(placed() - at_home, axis=1).max() > 0.1
+        assert picture(tab, "live_step", scene) != before
+        time = told("time")
+        tab.wait_for_timeout(300)
+        assert told("time") == time
+        tab.get_by_role("button", name="Go on").click()
+        tab.get_by_role("button", name="Pause").click()
+        assert pace.paused
+        pace.end()
+        tab.get_by_text("1 of 1 cycles succeeded").wait_for()
+        running.join()
+        assert done[0][1]["succeeded"] == 1
+        tab.close()
+    finally:
+        pace.end()
+        running.join()
         page.close()
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from typing import Any
 
 import mujoco
@@ -169,7 +169,13 @@ def add_pace(page: Page, pace: Pace, *, step: bool) -> None:
     update()
     if step:
         gui.add_button("Step a stage", order=2).on_click(lambda _: pace.step_stage())
-    names: Sequence[str] = [*SPEEDS, FASTEST]
-    start = next((name for name, speed in SPEEDS.items() if speed == pace.speed), FASTEST)
-    choice = gui.add_dropdown("speed", names, initial_value=start, order=3)
-    choice.on_update(lambda _: pace.set_speed(SPEEDS.get(choice.value, MAX_SPEED)))
+    speeds = speed_choices(pace.speed)
+    start = next(name for name, speed in speeds.items() if speed == pace.speed)
+    choice = gui.add_dropdown("speed", list(speeds), initial_value=start, order=3)
+    choice.on_update(lambda _: pace.set_speed(speeds[choice.value]))
+
+
+def speed_choices(speed: float) -> dict[str, float]:
+    """Return the speeds to choose from, by name, a given one among them, the slowest first."""
+    own = {} if speed in (*SPEEDS.values(), MAX_SPEED) else {f"{speed:g} x": speed}
+    return dict(sorted((SPEEDS | own | {FASTEST: MAX_SPEED}).items(), key=lambda each: each[1]))
