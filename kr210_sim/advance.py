@@ -13,24 +13,27 @@ from kr210_sim.arrays import Array
 _AT_ONCE = 64
 """Configurations looked at together, at most: fewer calls, but more of them than needed."""
 
-_PARTS = 3
+_PARTS = 5
 """Configurations of each path looked at to begin with."""
 
-_MOST_PARTS, _MOST_PARTS_ALONE = 8, 2
+_MOST_PARTS, _MOST_PARTS_ALONE = 4, 2
 """Configurations looked at next in a stretch that is not yet proved, at most: more calls are saved
 than looks are lost, but for a path that is asked for alone, as sampling does, mostly in vain."""
 
-_EXPECT = 0.6
+_EXPECT = 0.5
 """Configurations looked at next per length that a look has proved beside what it has not."""
 
 _CAUTION = 0.9
 """What is taken of a reach that must be found by trial, where a path bends."""
 
-Look: TypeAlias = Callable[[Array], Array | None]
-"""Looks at configurations (B, 6). Returns weights w (B, P, 6) [1/rad]: from there, nothing can come
-too near while each joint travels |dq| with w |dq| <= 1 in all rows; None if one is too near."""
+Weights: TypeAlias = tuple[Array, Array]
+"""Rows (B, P, 6) and sets of rows (B, S, R, 6) of weights w [1/rad]: nothing can come too near
+while each joint travels |dq| with w |dq| <= 1 in all rows and in all those of one of the sets."""
 
-LookEach: TypeAlias = Callable[[Array, NDArray[np.int64]], tuple[Array, NDArray[np.bool_]]]
+Look: TypeAlias = Callable[[Array], Weights | None]
+"""Looks at configurations (B, 6). Returns weights from there, None if one is too near."""
+
+LookEach: TypeAlias = Callable[[Array, NDArray[np.int64]], tuple[Weights, NDArray[np.bool_]]]
 """Looks at configurations (B, 6), each of the path with an index (B,). Returns weights as `Look`
 does, and (B,) whether each is too near; the weights of those that are do not count."""
 
@@ -42,10 +45,11 @@ def advance(q: Array, look: Look) -> bool:
     next: coarse first, so that a blocked path is refused early.
     """
 
-    def look_each(q: Array, _: NDArray[np.int64]) -> tuple[Array, NDArray[np.bool_]]:
+    def look_each(q: Array, _: NDArray[np.int64]) -> tuple[Weights, NDArray[np.bool_]]:
         weights = look(q)
         if weights is None:
-            return np.zeros((len(q), 1, 6)), np.ones(len(q), dtype=bool)
+            none = np.zeros((len(q), 1, 1, 6))
+            return (none[:, 0], none), np.ones(len(q), dtype=bool)
         return weights, np.zeros(len(q), dtype=bool)
 
     return bool(advance_each([q], look_each)[0])
@@ -85,7 +89,7 @@ def advance_each(
         if not len(turn):
             return first
         which, ends, middle = owner[turn], waiting[turn, :2], waiting[turn, 2]
-        weights, near = look(_at(q, middle), which)
+        (rows, sets), near = look(_at(q, middle), which)
         free[which[near]] = False
         stays = free[owner]
         stays[turn] = False
@@ -99,8 +103,8 @@ def advance_each(
             waiting[hit, 2] = there[hit]
             urgent |= hit
         goes_on = free[which]
-        weights, middle, ends, which = (x[goes_on] for x in (weights, middle, ends, which))
-        reached = _reached(travel, weights, middle, ends)
+        middle, ends, which = middle[goes_on], ends[goes_on], which[goes_on]
+        reached = _reached(travel, (rows[goes_on], sets[goes_on]), middle, ends)
         left = np.stack([np.minimum(reached, ends), np.maximum(reached, ends)], axis=2)
         # What a look reached there it will reach about again.
         further = np.abs(ends - reached) / np.maximum(np.abs(reached - middle[:, None]), 1e-12)
@@ -135,16 +139,20 @@ def _divided(
     return np.stack([lower, upper, (lower + upper) / 2], axis=1), owner[index]
 
 
-def _reached(travel: Array, weights: Array, middle: Array, ends: Array) -> Array:
+def _reached(travel: Array, weights: Weights, middle: Array, ends: Array) -> Array:
     """Return how far looks from the middle (B,) prove the polylines towards both ends (B, 2)."""
     origin = _at(travel, middle)[:, None]
     aside = ends - middle[:, None]
-    transposed = np.swapaxes(weights, 1, 2)
+    rows, sets = weights
+    transposed = np.swapaxes(rows, 1, 2)
+    beside = np.swapaxes(sets.reshape(len(sets), sets.shape[1] * sets.shape[2], 6), 1, 2)
     share = np.ones(ends.shape)
     while True:
         reached = middle[:, None] + share * aside
         spent = np.abs(_at(travel, reached) - origin)
         used = np.max(spent @ transposed, axis=2, initial=0.0)
+        in_sets = np.max((spent @ beside).reshape(*used.shape, *sets.shape[1:3]), axis=3)
+        np.maximum(used, np.min(in_sets, axis=2), out=used)
         if np.all(used <= 1.0):
             return np.where(share == 1.0, ends, reached)
         # At once on a straight piece; where the path bends it takes a few trials.

@@ -15,8 +15,9 @@ _DEEP = 1e6  # how far a plane reaches down and sideways [m]
 _WORTHWHILE = 0.05
 """A lower bound this much above what is required is as good as the distance [m]."""
 
-Bounds: TypeAlias = tuple[NDArray[np.int64], NDArray[np.int64], Array]
-"""Rows of configurations (n,), pairs (n,) by their row in `geoms`, lower bounds (n,) [m]."""
+Bounds: TypeAlias = tuple[NDArray[np.int64], NDArray[np.int64], Array, Array]
+"""Rows of configurations (n,), pairs (n,) by their row in `geoms`, lower bounds (n,) [m], and
+directions (n, 3) along which the two are that far apart, of either sign."""
 
 
 class GeomPairs:
@@ -93,16 +94,20 @@ class GeomPairs:
         boxes = np.concatenate([moving, fixed], axis=2)
         one, other = self._pairs[:, pair] + row * boxes.shape[2]
         boxes = boxes.reshape(6, -1)
-        squared = _gaps(np.take(boxes, one, axis=1), np.take(boxes, other, axis=1))
+        above, below = _asides(np.take(boxes, one, axis=1), np.take(boxes, other, axis=1))
+        aside = np.maximum(np.maximum(above, below), 0.0)
+        squared = np.sum(aside * aside, axis=0)
         keep = np.flatnonzero(squared < self._far**2)
-        squared = squared[keep]
+        squared, aside = squared[keep], np.where(above > below, aside, -aside)[:, keep]
+        distance = np.sqrt(squared)
+        direction = (aside / np.maximum(distance, 1e-12)).T
         # Geoms in boxes that overlap may be deep in each other.
-        return row[keep], pair[keep], np.where(squared > 0.0, np.sqrt(squared), -np.inf)
+        return row[keep], pair[keep], np.where(squared > 0.0, distance, -np.inf), direction
 
     def sharpen(
         self, found: Bounds, required: Array, data: mujoco.MjData, poses: Sequence[Array]
     ) -> None:
-        """Replace lower bounds that are not far above what is required by the distances, in place.
+        """Replace lower bounds that are not far above what is required by what is so, in place.
 
         Args:
             found: by `bounds`.
@@ -110,16 +115,19 @@ class GeomPairs:
             data: which poses are written to.
             poses: position (B, ngeom, 3) [m] and rotation (B, ngeom, 9) of the geoms.
         """
-        rows, pairs, bounds = found
+        rows, pairs, bounds, directions = found
         asked = np.flatnonzero(bounds < required + _WORTHWHILE)
         asked = asked[np.argsort(rows[asked], kind="stable")]
         geoms = self.geoms[pairs[asked]].tolist()
-        posed = -1
-        for index, row, (one, other) in zip(asked, rows[asked].tolist(), geoms, strict=True):
+        exact, ends = np.empty(len(asked)), np.zeros((len(asked), 6))
+        model, far, distance, posed = self._model, self._far, mujoco.mj_geomDistance, -1
+        for index, (row, (one, other)) in enumerate(zip(rows[asked].tolist(), geoms, strict=True)):
             if row != posed:
                 data.geom_xpos[:], data.geom_xmat[:] = poses[0][row], poses[1][row]
                 posed = row
-            bounds[index] = mujoco.mj_geomDistance(self._model, data, one, other, self._far, None)
+            exact[index] = distance(model, data, one, other, far, ends[index])
+        bounds[asked] = exact
+        directions[asked] = (ends[:, 3:] - ends[:, :3]) / np.maximum(np.abs(exact), 1e-12)[:, None]
 
     def _boxes(self, position: Array, rotation: Array, geoms: NDArray[np.int64]) -> Array:
         """Return boxes along the world's axes around geoms (6, B, n): lower ends, -upper [m]."""
@@ -130,9 +138,14 @@ class GeomPairs:
         return np.ascontiguousarray(np.moveaxis(ends, 2, 0))
 
 
+def _asides(one: Array, other: Array) -> tuple[Array, Array]:
+    """Return how far (3, ...) boxes are above others along each axis, and how far below [m]."""
+    return one[:3] + other[3:], one[3:] + other[:3]
+
+
 def _gaps(one: Array, other: Array) -> Array:
     """Return the squares of the distances between boxes (6, ...) as `_boxes` returns them [m2]."""
-    aside = np.maximum(one[:3] + other[3:], one[3:] + other[:3])
+    aside = np.maximum(*_asides(one, other))
     np.maximum(aside, 0.0, out=aside)
     aside *= aside
     return np.asarray(aside[0] + aside[1] + aside[2])

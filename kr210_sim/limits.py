@@ -16,8 +16,9 @@ JERK_TIME = 0.05
 """Time from zero to the acceleration limit at the jerk limit [s]."""
 
 _INSTANT = 1e-9  # [s]
+_STEP = 1 / 125  # of samples of a motion, as a share of the time to accelerate to full speed
 _PEAK = 0.98  # share of the greatest value that a peak must have to be looked at closely
-_ASIDE = np.array([-0.8, -0.6, -0.4, -0.2, 0.2, 0.4, 0.6, 0.8])  # in steps
+_ASIDE = np.delete(np.linspace(-0.9, 0.9, 19), 9)  # in steps
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -33,6 +34,11 @@ class MotionLimits:
     velocity: Array
     acceleration: Array
     jerk: Array
+
+    @property
+    def step(self) -> float:
+        """Spacing of samples of a motion [s], the same points of its path at any speed."""
+        return _STEP * float(np.min(self.velocity / self.acceleration))
 
     @classmethod
     def from_velocity(cls, velocity: Array, speed: float = 1.0) -> MotionLimits:
@@ -50,16 +56,22 @@ class MotionLimits:
         )
 
 
-def rates(path: Path, law: TimeLaw, t: Array) -> Array:
-    """Return three derivatives of q (3, N, 6) of one motion at times t (N,) [s].
+def along(path: Path, law: TimeLaw, t: Array) -> Array:
+    """Return q - q(0) and three derivatives (4, N, 6) of one motion at times t (N,) [s].
 
     The chain rule for q(s(t)), with q1, q2, q3 the derivatives along the path and ds, dds, ddds
     those of the time law; after its end a motion stays where it is.
     """
-    s, ds, dds, ddds = (x[:, None] for x in law(t))
-    q1, q2, q3 = path.derivatives(s[:, 0])
-    ddds = np.where(t[:, None] < law.duration, ddds, 0.0)
-    return np.array([q1 * ds, q1 * dds + q2 * ds**2, q1 * ddds + 3 * q2 * ds * dds + q3 * ds**3])
+    s, ds, dds, ddds = law(t)
+    ddds = np.where(t < law.duration, ddds, 0.0)
+    if path.direction is not None:
+        return np.stack([s, ds, dds, ddds])[:, :, None] * path.direction
+    q, (q1, q2, q3) = path(s) - path.start, path.derivatives(s)
+    ds, dds, ddds = ds[:, None], dds[:, None], ddds[:, None]
+    squared = ds * ds
+    return np.array(
+        [q, q1 * ds, q1 * dds + q2 * squared, q1 * ddds + q2 * (3 * ds * dds) + q3 * (squared * ds)]
+    )
 
 
 def around(times: Array) -> Array:
@@ -80,14 +92,15 @@ def usage(derivatives: Sequence[Array] | Array, limits: MotionLimits) -> tuple[f
 
 
 def about_peaks(t: Array, values: Array) -> Array:
-    """Return where a smooth function may be greatest: instants (M,) about its highest peaks.
+    """Return where smooth functions may be greatest: instants (M,) about their highest peaks.
 
     Args:
         t: (N,) even times.
-        values: (N,) of the function there.
+        values: (K, N) of the functions there.
     """
-    if len(t) < 3:
-        return np.empty(0)
-    inner = values[1:-1]
-    peak = (inner >= values[:-2]) & (inner > values[2:]) & (inner > _PEAK * np.max(values))
-    return np.asarray((t[1:-1][peak, None] + (t[1] - t[0]) * _ASIDE).ravel())
+    beyond = np.full((len(values), 1), -np.inf)
+    before = np.concatenate([beyond, values[:, :-1]], axis=1)
+    after = np.concatenate([values[:, 1:], beyond], axis=1)
+    peak = (values >= before) & (values >= after) & (values > _PEAK * np.max(values))
+    about = (t[np.any(peak, axis=0), None] + (t[1] - t[0]) * _ASIDE).ravel()
+    return np.asarray(about[(about > t[0]) & (about < t[-1])])

@@ -53,8 +53,14 @@ class Eyes:
         self._pairs = GeomPairs(model, self._data, part, NEAR)
         sorts = (self._role * GROUPS + self._group)[self._pairs.geoms]
         self._kind, self._pair = (table[:, *sorts.T] for table in pairs.tables())
-        balls = [self._balls(held) for held in (False, True)]
-        self._centers, self._radii = (np.array(x) for x in zip(*balls, strict=True))
+        # Of hand or target and what is fixed, the one that may be carried.
+        group = np.where(self._role == pairs.TARGET, HAND, self._group)[self._pairs.geoms]
+        self._mover = self._pairs.geoms[np.arange(len(group)), np.argmax(group, axis=1)]
+        # By whether the target is held; it belongs to the hand then, all else is as before.
+        self._centers, self._radii = np.zeros((2, HAND, 3)), np.zeros((2, HAND))
+        for index in range(HAND):
+            self._centers[:, index], self._radii[:, index] = self._ball(index, held=False)
+        self._centers[1, -1], self._radii[1, -1] = self._ball(HAND - 1, held=True)
         self.looks = self.calls = 0
 
     def see(self, q: Array, hands: NDArray[np.int64], required: Array) -> Seen:
@@ -103,17 +109,24 @@ class Eyes:
             required: as for `see`.
             poses: (B, ngeom, 3), (B, ngeom, 9) of the geoms.
         """
-        row, pair, distance = self._pairs.bounds(*poses)
-        kind = self._kind[hands[row], pair]
+        bounds = self._pairs.bounds(*poses)
+        kind = self._kind[hands[bounds[0]], bounds[1]]
         counts = kind != pairs.IGNORED
-        row, pair, distance, kind = row[counts], pair[counts], distance[counts], kind[counts]
-        self._pairs.sharpen((row, pair, distance), required[row, kind], self._data, poses)
+        row, pair, distance, direction = (x[counts] for x in bounds)
+        kind = kind[counts]
+        self._pairs.sharpen(
+            (row, pair, distance, direction), required[row, kind], self._data, poses
+        )
+        mover = self._mover[pair]
         return {
             "row": row,
             "geoms": self._pairs.geoms[pair],
             "kind": kind,
             "pair": self._pair[hands[row], pair],
             "distance": distance,
+            "direction": direction,
+            "spot": poses[0][row, mover],
+            "size": self._model.geom_rbound[mover],
         }
 
     def _pose(self, held: bool) -> None:
@@ -127,28 +140,27 @@ class Eyes:
             _write_pose(self._target, data.site_xpos[self._tcp], data.site_xmat[self._tcp])
             mujoco.mj_kinematics(model, data)
 
-    def _balls(self, held: bool) -> tuple[Array, Array]:
-        """Return balls around the boxes around the geoms of each group but the fixed.
+    def _ball(self, index: int, *, held: bool) -> tuple[Array, float]:
+        """Return a ball around the boxes around the geoms of a group: center (3,), radius [m].
 
-        Their centers (7, 3) are in the frame of the link that carries them, their radii (7,) [m].
+        Args:
+            index: of the link (7,) that carries the group; the center is in its frame.
+            held: whether the target is in the hand.
         """
-        model, data = self._model, self._data
+        model, data, link = self._model, self._data, self._links[index]
         group = np.where(self._role == pairs.TARGET, HAND if held else FIXED, self._group)
-        self._pose(held)
-        centers, radii = np.zeros((HAND, 3)), np.zeros(HAND)
         solid = (model.geom_contype != 0) | (model.geom_conaffinity != 0)
-        for index, link in enumerate(self._links):
-            geoms = np.flatnonzero(solid & (group == BASE + index))
-            if not len(geoms):
-                continue
-            middle, half = model.geom_aabb[geoms, :3], model.geom_aabb[geoms, 3:]
-            corners = middle[:, None] + half[:, None] * _CORNERS
-            rotation = data.geom_xmat[geoms].reshape(-1, 1, 3, 3)
-            corners = (rotation @ corners[..., None])[..., 0] + data.geom_xpos[geoms][:, None]
-            corners = (corners.reshape(-1, 3) - data.xpos[link]) @ data.xmat[link].reshape(3, 3)
-            centers[index] = (np.min(corners, axis=0) + np.max(corners, axis=0)) / 2
-            radii[index] = np.sqrt(np.max(np.sum((corners - centers[index]) ** 2, axis=1)))
-        return centers, radii
+        geoms = np.flatnonzero(solid & (group == BASE + index))
+        if not len(geoms):
+            return np.zeros(3), 0.0
+        self._pose(held)
+        middle, half = model.geom_aabb[geoms, :3], model.geom_aabb[geoms, 3:]
+        corners = middle[:, None] + half[:, None] * _CORNERS
+        rotation = data.geom_xmat[geoms].reshape(-1, 1, 3, 3)
+        corners = (rotation @ corners[..., None])[..., 0] + data.geom_xpos[geoms][:, None]
+        corners = (corners.reshape(-1, 3) - data.xpos[link]) @ data.xmat[link].reshape(3, 3)
+        center = (np.min(corners, axis=0) + np.max(corners, axis=0)) / 2
+        return center, float(np.sqrt(np.max(np.sum((corners - center) ** 2, axis=1))))
 
 
 def _write_pose(qpos: Array, position: Array, rotation: Array) -> None:

@@ -8,6 +8,7 @@ from functools import cache
 import numpy as np
 from numpy.typing import NDArray
 
+from kr210_sim.advance import Weights
 from kr210_sim.arrays import Array
 from kr210_sim.criteria import CLEARANCE_CAP
 from kr210_sim.legs import Hand
@@ -43,6 +44,10 @@ are always near; that of base and link 1 is seen at each configuration looked at
 
 WITHIN = HAND - 1  # first of the pairs within the robot
 _TOGETHER = len(_PAIRS)  # stands for pairs that do not move against each other, or may touch
+_HAND = HAND - 2  # the row of the hand and what is fixed
+_STRIDE = 3.0
+"""How far the hand may move, in distances from what is nearest: more than 1 along a wall."""
+_LEAST = 1e-6  # [m]
 _BETWEEN = (_JOINTS >= _PAIRS[:, :1] - 1) & (_JOINTS < _PAIRS[:, 1:] - 1)
 
 
@@ -56,6 +61,8 @@ class Seen:
         kind: (n,) one of IGNORED, SELF, FREE.
         pair: (n,) row of `_PAIRS`, or `_TOGETHER`.
         distance: (n,) between them [m].
+        direction: (n, 3) along which they are that far apart, of either sign.
+        spot, size: (n, 3), (n,) a ball around the one that the hand carries or is [m].
         centers, radii: (B, 7, 3), (B, 7) of balls around all groups but the fixed [m].
         anchor, axis: (B, 6, 3) a point [m] and the direction of each joint axis.
     """
@@ -65,6 +72,9 @@ class Seen:
     kind: NDArray[np.int8]
     pair: NDArray[np.int8]
     distance: Array
+    direction: Array
+    spot: Array
+    size: Array
     centers: Array
     radii: Array
     anchor: Array
@@ -104,8 +114,8 @@ def _tables(hand: Hand) -> tuple[NDArray[np.int8], NDArray[np.int8]]:
     return kind, np.where(kind == IGNORED, _TOGETHER, rows[group[:, None], group])
 
 
-def weights(seen: Seen, excess: Array, clearance: Array) -> Array:
-    """Return how travel of the joints uses up the room: weights (B, P, 6) [1/rad] for `advance`.
+def weights(seen: Seen, excess: Array, clearance: Array) -> Weights:
+    """Return how travel of the joints uses up the room, for `advance`.
 
     While the joints j between two groups travel |dq_j|, a point of the one further down the arm
     moves by at most sum_j |dq_j| (r_j + room) relative to the other: r_j is its distance from
@@ -131,4 +141,43 @@ def weights(seen: Seen, excess: Array, clearance: Array) -> Array:
     gaps -= np.maximum(clearance, SELF_CLEARANCE)[:, None]
     room[:, WITHIN:_TOGETHER] = np.maximum(NEAR_SELF - SELF_CLEARANCE, gaps)
     np.minimum.at(room, (seen.row, seen.pair), excess)
-    return np.where(_BETWEEN, reach[:, _PAIRS[:, 1] - 2] / room[:, :-1, None] + 1.0, 0.0)
+    rows = np.where(_BETWEEN, reach[:, _PAIRS[:, 1] - 2] / room[:, :-1, None] + 1.0, 0.0)
+    either = _hand(seen, excess, room[:, _HAND], reach[:, HAND - 2], NEAR - clearance)
+    either[:, 0, 0] = rows[:, _HAND]
+    rows[:, _HAND] = 0.0
+    return rows, either
+
+
+def _hand(seen: Seen, excess: Array, least: Array, reach: Array, far: Array) -> Array:
+    """Return how travel uses up the room between the hand and what is fixed, by direction.
+
+    Two convex shapes that are d apart along n are so until one has moved by d along n. While no
+    point of the hand has moved by more than s, which takes sum_j |dq_j| (r_j + s) <= s, the rate
+    along n of a point p, n . (a_j x (p - o_j)) per radian of joint j, changes by at most s by the
+    motion of p in the frame of the axis, and by r_j + s times the angles of the joints before j by
+    the motion of the axis: the latter sums to less than s sum_j |dq_j|. So along n it moves by at
+    most sum_j |dq_j| (|(n x a_j) . (p - o_j)| + 2 s).
+
+    Args:
+        seen: at B configurations.
+        excess: (n,) distance above what is required of each pair that is near [m].
+        least: (B,) excess of the hand against what is fixed [m].
+        reach: (B, 6) of the hand from the axes [m].
+        far: (B,) what is not near is farther than that above what is required [m].
+
+    Returns:
+        (B, 2, 2, 6): either set of two rows must hold; the first set is left at zero.
+    """
+    sets = np.zeros((len(reach), 2, 2, 6))
+    step = np.clip(_STRIDE * least, _LEAST, far)[:, None]  # what is too near does not count
+    sets[:, 1, 0] = reach / step + 1.0
+    near = np.flatnonzero(seen.pair == _HAND)
+    row = seen.row[near]
+    (ax, ay, az), (nx, ny, nz) = seen.axis[row].T, seen.direction[near].T  # (6 joints, n), (n,)
+    x, y, z = (seen.spot[near][:, None] - seen.anchor[row]).T
+    along = ax * nx + ay * ny + az * nz
+    rate = np.abs(nx * (ay * z - az * y) + ny * (az * x - ax * z) + nz * (ax * y - ay * x))
+    rate += np.sqrt(np.maximum(1.0 - along * along, 0.0)) * seen.size[near]
+    rate += 2.0 * step[row, 0]
+    np.maximum.at(sets[:, 1, 1], row, (rate / np.maximum(excess[near], _LEAST)).T)
+    return sets

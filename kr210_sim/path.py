@@ -16,20 +16,16 @@ _DEGREE = 5
 _NORM = 8.0
 """Exponent of the smooth maximum over joints that defines the arc length."""
 
-_FINE = 400  # samples of the arc-length integral
-_KNOTS = 60  # samples that the reparametrised spline passes through
+_KNOTS = 60  # pieces between the samples that the reparametrised spline passes through, at least
+_FINE = 6  # steps of the arc-length integral in each of them
 _NOWHERE = 1e-12  # length up to which a path goes nowhere [s]
 
 
 class _Curve(Protocol):
-    """q(s), as scipy's splines."""
+    """q(s) and its derivatives, as scipy's splines."""
 
-    def __call__(self, s: Array) -> Array:
-        """Return q (N, 6) at s (N,)."""
-        ...
-
-    def derivative(self) -> _Curve:
-        """Return dq/ds."""
+    def __call__(self, s: Array, order: int = 0) -> Array:
+        """Return q or its derivative of that order (N, 6) at s (N,)."""
         ...
 
 
@@ -39,24 +35,21 @@ class _Line:
     def __init__(self, start: Array, direction: Array) -> None:
         self._start, self._direction = start, direction
 
-    def __call__(self, s: Array) -> Array:
-        return np.asarray(self._start + np.asarray(s)[:, None] * self._direction)
-
-    def derivative(self) -> _Curve:
-        return _Line(self._direction, np.zeros_like(self._direction))
+    def __call__(self, s: Array, order: int = 0) -> Array:
+        if order == 0:
+            return np.asarray(self._start + np.asarray(s)[:, None] * self._direction)
+        slope = self._direction if order == 1 else np.zeros_like(self._direction)
+        return np.tile(slope, (len(s), 1))
 
 
 class _Backwards:
     """A curve, from its end to its beginning."""
 
-    def __init__(self, curve: _Curve, length: float, sign: float = 1.0) -> None:
-        self._curve, self._length, self._sign = curve, length, sign
+    def __init__(self, curve: _Curve, length: float) -> None:
+        self._curve, self._length = curve, length
 
-    def __call__(self, s: Array) -> Array:
-        return self._sign * self._curve(self._length - np.asarray(s))
-
-    def derivative(self) -> _Curve:
-        return _Backwards(self._curve.derivative(), self._length, -self._sign)
+    def __call__(self, s: Array, order: int = 0) -> Array:
+        return (-1.0) ** order * self._curve(self._length - np.asarray(s), order)
 
 
 class Path:
@@ -68,13 +61,13 @@ class Path:
     Attributes:
         length: [s]; 0 for a path that goes nowhere.
         there: the path of which this is the way back, else itself.
+        direction: (6,) dq/ds of a straight line in joint space [rad/s], None if it bends.
     """
 
-    def __init__(self, curve: _Curve, length: float) -> None:
+    def __init__(self, curve: _Curve, length: float, direction: Array | None = None) -> None:
         self.there = self
-        self._derivatives = [curve]
-        for _ in range(3):
-            self._derivatives.append(self._derivatives[-1].derivative())
+        self.direction = direction
+        self._curve = curve
         self.length = length
 
     @classmethod
@@ -82,7 +75,8 @@ class Path:
         """Return the straight joint line between two configurations (6,) [rad]."""
         length = float(np.sum(np.abs((q_end - q_start) / velocity) ** _NORM) ** (1 / _NORM))
         length = length if length > _NOWHERE else 0.0
-        return cls(_Line(q_start, (q_end - q_start) / (length or 1.0)), length)
+        direction = (q_end - q_start) / (length or 1.0)
+        return cls(_Line(q_start, direction), length, direction)
 
     @classmethod
     def through(cls, q: Array, velocity: Array) -> Path:
@@ -92,35 +86,31 @@ class Path:
             q: (N, 6) samples [rad], N >= 6, spaced about evenly along the curve.
             velocity: (6,) velocity limits [rad/s], the weights of the arc length.
         """
-        u = np.linspace(0.0, 1.0, len(q))
-        curve = make_interp_spline(u, q, k=_DEGREE)
-        fine = np.linspace(0.0, 1.0, _FINE)
-        rate = np.sum(np.abs(curve.derivative()(fine) / velocity) ** _NORM, axis=1) ** (1 / _NORM)
-        travelled = np.cumsum((rate[1:] + rate[:-1]) / (2 * (_FINE - 1)))
-        travelled = np.concatenate([[0.0], travelled])
-        length = float(travelled[-1])
+        curve = make_interp_spline(np.linspace(0.0, 1.0, len(q)), q, k=_DEGREE)
+        knots = max(_KNOTS, len(q))
+        u = np.linspace(0.0, 1.0, knots * _FINE + 1)
+        rate = np.sum(np.abs(curve(u, 1) / velocity) ** _NORM, axis=1) ** (1 / _NORM)
+        s = np.concatenate([[0.0], np.cumsum((rate[1:] + rate[:-1]) / (2 * (len(u) - 1)))])
+        length = float(s[-1])
         if length <= _NOWHERE:
             return cls(curve, 0.0)
-        # The inverse of a smooth increasing function, so that u(s) is smooth as well.
-        inverse = make_interp_spline(travelled, fine, k=3)
-        s = np.linspace(0.0, length, max(_KNOTS, len(q)))
-        u_of_s = np.clip(inverse(s), 0.0, 1.0)
-        u_of_s[0], u_of_s[-1] = 0.0, 1.0
-        return cls(make_interp_spline(s, curve(u_of_s), k=_DEGREE), length)
+        # Both q(u) and s(u) are smooth, and s increases: so is q(s), through its values there.
+        return cls(make_interp_spline(s[::_FINE], curve(u[::_FINE]), k=_DEGREE), length)
 
     def reversed(self) -> Path:
         """Return the way back."""
-        path = Path(_Backwards(self._derivatives[0], self.length), self.length)
+        direction = None if self.direction is None else -self.direction
+        path = Path(_Backwards(self._curve, self.length), self.length, direction)
         path.there = self.there
         return path
 
     def __call__(self, s: Array, order: int = 0) -> Array:
         """Return the derivative of that order (0 to 3) of q with respect to s: (N,) -> (N, 6)."""
-        return np.asarray(self._derivatives[order](s))
+        return np.asarray(self._curve(s, order))
 
     def derivatives(self, s: Array) -> Array:
         """Return the first three derivatives of q with respect to s: (N,) -> (3, N, 6)."""
-        return np.array([curve(s) for curve in self._derivatives[1:]])
+        return np.array([self._curve(s, order) for order in (1, 2, 3)])
 
     @cached_property
     def start(self) -> Array:

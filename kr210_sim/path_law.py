@@ -5,17 +5,18 @@ from __future__ import annotations
 import numpy as np
 
 from kr210_sim.arrays import Array
-from kr210_sim.limits import MotionLimits, about_peaks, around, rates, usages
+from kr210_sim.limits import MotionLimits, about_peaks, along, around, usages
 from kr210_sim.path import Path
 from kr210_sim.time_law import TimeLaw
 
 _MARGIN = 1.0 - 1e-4  # share of the limits that is used, for what lies between the samples
 _GRID = 81  # points of a path at which its limits are estimated
 _INSTANTS = 3  # of each phase of constant jerk at which shapes are compared
-_SAMPLES = 300  # instants of a motion at which its limits are evaluated, before closer looks
+_SAMPLES = 200  # instants of a motion at which its limits are evaluated, at least
 _ROOTS = 1 / np.arange(1.0, 4.0)[:, None]  # orders of what a time scale changes
 _SPEEDS = np.geomspace(0.1, 1.0, 8)  # shares of the speed limit tried on a curved path
 _JERK_SHARES = (1.0, 0.7, 0.4)  # of the acceleration limit, to leave jerk to the curvature
+_NONE = 1e-12  # derivative below which a joint stands still
 _LEAST = 0.05  # of the acceleration and jerk limits that a shape keeps on a tight curve
 
 
@@ -28,17 +29,14 @@ def quickest_law(path: Path, limits: MotionLimits) -> TimeLaw:
     """
     if path.length == 0.0:
         return TimeLaw(0.0, 1.0, 1.0, 1.0)
+    if path.direction is not None:
+        v, a, j = _bounds(np.abs(path.direction), limits)
+        return TimeLaw(path.length, v * _MARGIN, a * _MARGIN**2, j * _MARGIN**3)
     grid = np.linspace(0.0, path.length, _GRID)
     derivatives = path.derivatives(grid)
     first, second, third = np.abs(derivatives)
-    first = np.maximum(first, 1e-12)
-    fastest, quickest, sharpest = (
-        float(np.min(limit / first))
-        for limit in (limits.velocity, limits.acceleration, limits.jerk)
-    )
-    if np.max(second) * fastest**2 < 1e-9 * np.min(limits.acceleration):  # a straight line
-        v, a, j = fastest * _MARGIN, quickest * _MARGIN**2, sharpest * _MARGIN**3
-        return TimeLaw(path.length, v, a, j)
+    first = np.maximum(first, _NONE)
+    fastest, quickest, sharpest = _bounds(first, limits)
     v_all = np.repeat(fastest * _SPEEDS, len(_JERK_SHARES))
     speed = v_all[:, None, None]
     most = np.min((limits.acceleration - second * speed**2) / first, axis=(1, 2))
@@ -49,6 +47,15 @@ def quickest_law(path: Path, limits: MotionLimits) -> TimeLaw:
     best = int(np.argmin(_durations(path.length, shapes, derivatives, limits)))
     v, a, j = shapes[:, best].tolist()
     return _fitted(path, (v, a, j), limits)
+
+
+def _bounds(first: Array, limits: MotionLimits) -> tuple[float, float, float]:
+    """Return the path limits (V, A, J) by the first derivatives (..., 6) of a path alone."""
+    v, a, j = (
+        float(np.min(limit / np.maximum(first, _NONE)))
+        for limit in (limits.velocity, limits.acceleration, limits.jerk)
+    )
+    return v, a, j
 
 
 def _durations(length: float, shapes: Array, derivatives: Array, limits: MotionLimits) -> Array:
@@ -122,13 +129,14 @@ def _fitted(path: Path, shape: tuple[float, float, float], limits: MotionLimits)
     """Return the law within (V, A, J), scaled in time until it touches its tightest limit."""
     v, a, j = shape
     law = TimeLaw(path.length, v, a, j)
-    t = np.linspace(0.0, law.duration, _SAMPLES)
-    stretch = _stretch(path, law, t, limits)
+    count = max(_SAMPLES, int(np.ceil(law.duration / limits.step)) + 1)
+    t = np.linspace(0.0, law.duration, count)
+    stretch = _stretches(path, law, t, limits)
     closer = np.concatenate([around(law.changes), about_peaks(t, stretch)])
-    most = max(np.max(stretch), np.max(_stretch(path, law, closer, limits))) / _MARGIN
+    most = max(np.max(stretch), np.max(_stretches(path, law, closer, limits))) / _MARGIN
     return TimeLaw(path.length, v / most, a / most**2, j / most**3)
 
 
-def _stretch(path: Path, law: TimeLaw, t: Array, limits: MotionLimits) -> Array:
-    """Return how much slower (N,) a law must be so that the limits hold at times t (N,) [s]."""
-    return np.asarray(np.max(usages(rates(path, law, t), limits) ** _ROOTS, axis=0))
+def _stretches(path: Path, law: TimeLaw, t: Array, limits: MotionLimits) -> Array:
+    """Return how much slower a law must be for the limits of each order (3, N) at times t (N,)."""
+    return np.asarray(usages(along(path, law, t)[1:], limits) ** _ROOTS)

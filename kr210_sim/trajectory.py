@@ -8,13 +8,12 @@ from typing import TypeAlias
 import numpy as np
 
 from kr210_sim.arrays import Array
-from kr210_sim.limits import MotionLimits, about_peaks, around, rates, usage, usages
+from kr210_sim.limits import MotionLimits, about_peaks, along, around, usage, usages
 from kr210_sim.path import Path
 from kr210_sim.path_law import quickest_law
 from kr210_sim.time_law import TimeLaw
 
 _CHECK_RATE = 1000.0  # [Hz]
-_OVERLAP_STEP = 1 / 125  # of overlaps, as a share of the time to accelerate to full speed
 _GLANCES = 24  # instants at which all overlaps are compared with the limits at once
 _SHARE = 0.75  # of a motion, at most, that overlaps the one before it
 _SHRINK = 0.8  # of an overlap that is not clear
@@ -92,7 +91,7 @@ class Trajectory:
         for path, law, start in zip(self.paths, self._laws, self.starts, strict=True):
             begun = t > start
             if np.any(begun):
-                total[:, begun] += _along(path, law, t[begun] - start)
+                total[:, begun] += along(path, law, t[begun] - start)
         return total[0], total[1], total[2], total[3]
 
     def usage(self, limits: MotionLimits) -> tuple[float, float, float]:
@@ -108,12 +107,6 @@ class Trajectory:
         """Return times (N,) on both sides of every instant at which a jerk jumps [s]."""
         changes = zip(self._laws, self.starts, strict=True)
         return around(np.concatenate([start + law.changes for law, start in changes]))
-
-
-def _along(path: Path, law: TimeLaw, t: Array) -> Array:
-    """Return q - q(0) and three derivatives (4, N, 6) of one motion at times t (N,) [s]."""
-    s = law.position(t)
-    return np.concatenate([(path(s) - path.start)[None], rates(path, law, t)])
 
 
 def time_path(path: Path, limits: MotionLimits) -> Trajectory:
@@ -148,13 +141,11 @@ def time_chains(
         limits: of the joints.
         free: tells of some rounded corners whether they keep their clearance.
     """
-    # In proportion to the time scale of the limits, so that the geometry is the same at any speed.
-    step = _OVERLAP_STEP * float(np.min(limits.velocity / limits.acceleration))
     # From rest to rest, the quickest law is the same there and back.
     alike = {id(path.there): path.there for paths in chains for path in paths}
     quickest = {key: quickest_law(path, limits) for key, path in alike.items()}
     laws = [[quickest[id(path.there)] for path in paths] for paths in chains]
-    corners = [list(_corners(*chain, limits, step)) for chain in zip(chains, laws, strict=True)]
+    corners = [list(_corners(*chain, limits)) for chain in zip(chains, laws, strict=True)]
     asked = [
         (chain, index, corner)
         for chain, of_chain in enumerate(corners)
@@ -168,7 +159,7 @@ def time_chains(
     found = []
     for paths, of_chain, own in zip(chains, laws, corners, strict=True):
         changes = [
-            law.duration - step * corner.overlap
+            law.duration - limits.step * corner.overlap
             for law, corner in zip(of_chain[:-1], own, strict=True)
         ]
         found.append(Trajectory(paths, of_chain, np.cumsum([0.0, *changes]).tolist()))
@@ -176,7 +167,7 @@ def time_chains(
 
 
 def _corners(
-    paths: Sequence[Path], laws: Sequence[TimeLaw], limits: MotionLimits, step: float
+    paths: Sequence[Path], laws: Sequence[TimeLaw], limits: MotionLimits
 ) -> Iterator[_Corner]:
     """Yield the corners between paths, each rounded as far as the limits hold."""
     taken = 0.0
@@ -185,8 +176,8 @@ def _corners(
         # Three motions never overlap at once; the next corner shall have its share as well.
         last = index == len(paths) - 2
         most = min(before.duration - taken, after.duration * (1.0 if last else _SHARE))
-        corner = _Corner(paths[index : index + 2], (before, after), int(most / step), step, limits)
-        taken = step * corner.overlap
+        corner = _Corner(paths[index : index + 2], (before, after), int(most / limits.step), limits)
+        taken = limits.step * corner.overlap
         yield corner
 
 
@@ -202,13 +193,12 @@ class _Corner:
         paths: Sequence[Path],
         laws: Sequence[TimeLaw],
         most: int,
-        step: float,
         limits: MotionLimits,
     ) -> None:
-        self._paths, self._laws, self._step, self._limits = paths, laws, step, limits
-        grid = step * np.arange(most + 1)
-        self._first = _along(paths[0], laws[0], laws[0].duration - grid[::-1])
-        self._second = _along(paths[1], laws[1], grid)
+        self._paths, self._laws, self._limits = paths, laws, limits
+        grid = limits.step * np.arange(most + 1)
+        self._first = along(paths[0], laws[0], laws[0].duration - grid[::-1])
+        self._second = along(paths[1], laws[1], grid)
         self._hopeful = iter(_hopeful(self._first[1:], self._second[1:], limits))
         self.overlap = 0
         self.narrow(most)
@@ -234,17 +224,17 @@ class _Corner:
 
     def _holds(self) -> bool:
         """Tell whether the limits hold step by step, between the steps, and where a jerk jumps."""
-        used = np.max(usages(self._total(slice(1, 4)), self._limits), axis=0)
+        used = usages(self._total(slice(1, 4)), self._limits)
         if np.max(used) > 1.0:
             return False
         before, after = self._laws
-        start = before.duration - self._step * self.overlap
+        start = before.duration - self._limits.step * self.overlap
         jumps = around(np.concatenate([before.changes, start + after.changes]))
-        steps = start + self._step * np.arange(len(used))
+        steps = start + self._limits.step * np.arange(used.shape[1])
         t = np.concatenate([jumps, about_peaks(steps, used)])
         t = t[(t > start) & (t < before.duration)]
-        total = rates(self._paths[0], before, t) + rates(self._paths[1], after, t - start)
-        return max(usage(total, self._limits)) <= 1.0
+        total = along(self._paths[0], before, t) + along(self._paths[1], after, t - start)
+        return max(usage(total[1:], self._limits)) <= 1.0
 
 
 def _hopeful(first: Array, second: Array, limits: MotionLimits) -> list[int]:
@@ -262,9 +252,12 @@ def _hopeful(first: Array, second: Array, limits: MotionLimits) -> list[int]:
         np.ascontiguousarray(np.moveaxis(x / bounds, 1, 2)).reshape(-1, most + 1)
         for x in (first, second)
     )
+    counts = np.max(np.abs(first), axis=1) + np.max(np.abs(second), axis=1) > 1.0
+    first, second = first[counts], second[counts]
     used = np.zeros(most + 1)  # at overlaps of most, most - 1, ... steps
     for index in range(0, most + 1, most // _GLANCES + 1):
         # Step `index` of the second meets step `most - count + index` of the first.
         meeting = np.abs(first[:, index:] + second[:, index : index + 1])
-        np.maximum(used[: most - index + 1], np.max(meeting, axis=0), out=used[: most - index + 1])
-    return [count for count in range(most, 0, -1) if used[most - count] <= 1.0]
+        reached = used[: most - index + 1]
+        np.maximum(reached, np.max(meeting, axis=0, initial=0.0), out=reached)
+    return [most - int(less) for less in np.flatnonzero(used[:-1] <= 1.0)]

@@ -10,6 +10,7 @@ import pytest
 from conftest import standing_target
 
 import ik
+from kr210_sim import pairs
 from kr210_sim.collision import MujocoOracle
 from kr210_sim.criteria import CLEARANCE_FREE
 from kr210_sim.legs import Question
@@ -290,6 +291,39 @@ def test_paths_asked_for_together_have_the_answers_they_have_one_by_one(oracle):
     assert 5 < sum(what is None for what in alone) < 25
     assert oracle.blocked_each([]) == []
     assert len({what.split(" within ")[0] for what in together if what}) > 2
+
+
+@pytest.mark.parametrize("hand", [Hand.EMPTY, Hand.HOLDING])
+def test_no_travel_that_a_look_allows_comes_too_near(oracle, plan, hand):
+    """The bound itself, to its very end, from where planned legs lead and in random directions."""
+    eyes, rng = oracle._eyes, np.random.default_rng(5)
+    legs = [leg for motion in plan.motions for leg in motion if leg.hand is hand]
+    shares = rng.uniform(0.0, 1.0, (60, 1))
+    q = np.concatenate([leg.path(shares[:, 0] * leg.path.length) for leg in legs])
+    q = q + rng.normal(0.0, 0.05, q.shape)
+    hands = np.full(len(q), pairs.HANDS[hand])
+    required = np.tile([-np.inf, pairs.SELF_CLEARANCE, 0.004], (len(q), 1))
+    seen = eyes.see(q, hands, required)
+    excess = seen.distance - required[0, seen.kind]
+    rows, sets = pairs.weights(seen, excess, required[:, pairs.FREE])
+    least = np.full(len(q), pairs.NEAR)
+    np.minimum.at(least, seen.row, excess)
+    free = least > 1e-3
+    assert np.sum(free) > 20
+    used_up = 0.0
+    for _ in range(20):
+        travel = rng.normal(size=q.shape) * (rng.uniform(size=q.shape) < 0.4)
+        spent = np.abs(travel)[:, None, :, None]
+        used = np.max(rows @ spent[:, 0], axis=(1, 2))
+        used = np.maximum(used, np.min(np.max(sets @ spent, axis=(2, 3)), axis=1))
+        moved = (q + travel / np.maximum(used, 1.0)[:, None])[free]
+        after = eyes.see(moved, hands[free], np.full((len(moved), 3), 1.0))
+        counts = (after.kind == pairs.FREE) & (after.pair < len(pairs._PAIRS))
+        assert np.min(after.distance[counts] - 0.004) > -1e-6
+        nearest = np.full(len(moved), pairs.NEAR)
+        np.minimum.at(nearest, after.row[counts], after.distance[counts] - 0.004)
+        used_up = max(used_up, float(np.max(1 - nearest / least[free])))
+    assert used_up > 0.4  # or the bound would be of little use
 
 
 def test_the_answer_depends_on_the_path_not_on_how_many_points_draw_it(oracle):
