@@ -151,6 +151,7 @@ def test_a_held_target_that_touches_the_shelf_has_collided(one_cycle):
     assert TARGET in score.cause.detail
 
 
+@pytest.mark.slow
 def test_a_target_thrown_over_the_rim_onto_the_floor_has_collided_with_it(one_cycle):
     def throw(simulation: Simulation) -> None:
         simulation.data.joint(TARGET).qvel[:3] = [-1.0, 0.0, 5.0]
@@ -198,6 +199,7 @@ def test_a_saturated_motor_is_noticed(one_cycle):
 # ---- the release and the bin ----------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_a_gripper_that_never_opens_has_not_released(one_cycle, impatient):
     score = one_cycle(once("OPEN_GRIPPER", jam_fingers("closed")))
     assert_failed(score, "not_released", "released", "OPEN_GRIPPER")
@@ -211,6 +213,7 @@ def test_a_gripper_that_closes_again_has_not_released(one_cycle):
     assert score.cause.reason in ("not_released", "limits_exceeded")
 
 
+@pytest.mark.slow
 def test_a_target_that_ends_on_the_rim_is_outside_the_bin(one_cycle):
     def onto_the_rim(simulation: Simulation) -> None:
         place = simulation.scene.place

@@ -112,9 +112,10 @@ def test_when_no_try_is_left_the_cycle_has_failed(one_cycle, scene, impatient):
 # ---- a target that was dropped --------------------------------------------------------------
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("after", "reason"),
-    [(0.08, "dropped"), pytest.param(0.02, "missed_grasp", marks=pytest.mark.slow)],
+    [(0.08, "dropped"), (0.02, "missed_grasp")],
 )
 def test_a_target_that_slides_back_onto_its_board_is_taken_again(one_cycle, after, reason):
     score = one_cycle(loses_friction(after), retries=1)
@@ -183,9 +184,8 @@ def test_what_the_gripper_does_not_feel_is_not_tried_again(one_cycle, monkeypatc
     assert score.retried == []
 
 
-@pytest.mark.parametrize(
-    "mass", [0.05, pytest.param(5.0, marks=pytest.mark.slow)], ids=lambda mass: f"{mass:g} kg"
-)
+@pytest.mark.slow
+@pytest.mark.parametrize("mass", [0.05, 5.0], ids=lambda mass: f"{mass:g} kg")
 def test_a_good_grasp_is_never_given_up(one_cycle, scene, mass):
     """The tries that are allowed change nothing, not a bit, as long as the first holds."""
     target = standing_target(scene, 2, mass=mass)

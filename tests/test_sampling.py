@@ -112,6 +112,7 @@ def test_axes_4_and_6_turn_no_further_than_from_end_to_end(robot, end):
 
 
 @needs_ompl
+@pytest.mark.slow
 def test_an_axis_that_must_turn_aside_does_so_and_the_other_does_not(robot):
     def free(q: np.ndarray) -> bool:
         return gate(q) and not np.any((np.abs(q[:, 0] - 0.75) < 0.1) & (q[:, 3] < 0.3))
@@ -201,6 +202,7 @@ def test_an_end_that_is_blocked_says_so_and_is_not_sampled(robot, monkeypatch, q
 
 
 @needs_ompl
+@pytest.mark.slow
 def test_all_moves_of_a_cycle_share_one_budget(robot):
     world = World(wall)
     finder = LegFinder(robot, world, seed=0)
@@ -226,6 +228,7 @@ def plan(scene, oracle, cell=5, seed=0):
 
 
 @needs_ompl
+@pytest.mark.slow
 def test_a_plan_names_the_motions_that_were_sampled(scene, monkeypatch):
     monkeypatch.setattr(planning, "MAX_TRIALS", 4)
     found = plan(scene, World(gate))

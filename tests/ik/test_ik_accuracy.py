@@ -27,7 +27,7 @@ FULL = pytest.param(True, marks=pytest.mark.slow)
 def test_random_poses(full):
     rng = np.random.default_rng(20)
     for _ in range(50 if full else 1):
-        q = rng.uniform(CHAIN.lower, CHAIN.upper, (BLOCK if full else 3000, 6))
+        q = rng.uniform(CHAIN.lower, CHAIN.upper, (BLOCK if full else 1000, 6))
         T = CHAIN.forward(q).astype(float)
         found = check(T)
         assert np.array_equal(found.valid, np.repeat(reserve(T) >= 0, 4, axis=1))
@@ -40,7 +40,7 @@ def test_random_poses(full):
 def test_next_to_singularities_and_on_them(kind, full):
     rng = np.random.default_rng(["wrist", "elbow", "shoulder", "all"].index(kind))
     for _ in range(4 if full else 1):
-        T = near_singular(kind, 20_000 if full else 1000, rng)
+        T = near_singular(kind, 20_000 if full else 400, rng)
         found = check(T)
         assert found.valid.any(axis=1).all()
 
