@@ -23,7 +23,7 @@ from kr210_sim.results import record_path
 from kr210_sim.video import draw_stills, find_gl
 
 IMAGES = Path(__file__).resolve().parent / "images"
-PICTURES = {"cycle.png": (5, "overview", 0.5), "grasp.png": (5, "shelf", 0.22)}
+PICTURES = {"grasp.png": (5, "gripper", 0.24)}
 """File -> cell of the target, camera, and share of the cycle at which to look."""
 
 ANIMATION = "cycle.webp"
