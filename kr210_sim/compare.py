@@ -14,6 +14,7 @@ from scipy.stats import binomtest, fisher_exact, mannwhitneyu, wilcoxon
 from kr210_sim.arrays import Array
 from kr210_sim.config import FREE
 from kr210_sim.exceptions import BadInput
+from kr210_sim.schemas import SCHEMA_VERSION
 
 ALPHA = 0.05
 """Two-sided p value below which a difference is significant."""
@@ -24,7 +25,6 @@ SIMULATED = 0.01
 WALL_CLOCK = 1.00
 """The same for what the machine's clock says, which other load on it changes as well."""
 
-SCHEMA = 1
 _OUTWARD = FREE - {"jobs", "backend"}
 """Options of a run that change none of the figures compared; load changes those of the clock."""
 
@@ -140,7 +140,7 @@ def compare_runs(path_a: Path, path_b: Path) -> dict[str, Any]:
     if not paired:
         notes.append("the runs share too few seeds: tests are unpaired")
     return {
-        "schema_version": SCHEMA,
+        "schema_version": SCHEMA_VERSION,
         "alpha": ALPHA,
         "a": _identity(path_a, a),
         "b": _identity(path_b, b),
@@ -171,10 +171,10 @@ def _read(path: Path) -> Cycles:
     if file.name == "cycles.jsonl" and summary.is_file():
         found = _parse(str(summary), _text(summary))
         version = found.get("schema_version") if isinstance(found, dict) else None
-        if version != SCHEMA:
+        if version != SCHEMA_VERSION:
             raise BadInput(
-                f"{summary}: schema_version is {version}, not {SCHEMA}; run it again with this "
-                "version, or compare with the one that wrote it"
+                f"{summary}: schema_version is {version}, not {SCHEMA_VERSION}; run it again "
+                "with this version, or compare with the one that wrote it"
             )
     cycles: Cycles = {}
     for number, text in enumerate(_text(file).splitlines(), start=1):
@@ -237,7 +237,7 @@ def _check(where: str, line: Any) -> tuple[int, int, int]:
             raise TypeError
     except (KeyError, TypeError, AttributeError) as error:
         raise BadInput(
-            f"{where}: not a cycle as this version writes it (schema {SCHEMA}); give the "
+            f"{where}: not a cycle as this version writes it (schema {SCHEMA_VERSION}); give the "
             "cycles.jsonl of a run"
         ) from error
     return (int(key[0]), int(key[1]), int(key[2]))

@@ -54,6 +54,7 @@ from kr210_sim.results import (
     write_json,
 )
 from kr210_sim.scene import Scene, list_scenes
+from kr210_sim.schemas import SCHEMA_VERSION
 from kr210_sim.summary import summarize
 from kr210_sim.workers import Loss, share_out, share_out_by_dask
 
@@ -153,7 +154,7 @@ def _provenance(config: RunConfig, scene: Scene) -> dict[str, Any]:
     content = np.empty(mujoco.mj_sizeModel(model), np.uint8)
     mujoco.mj_saveModel(model, None, content)
     return {
-        "schema_version": 1,
+        "schema_version": SCHEMA_VERSION,
         "options": absolute(config).as_json(),
         "randomization": None if (block := config.randomization()) is None else block.as_json(),
         "scene_cells": len(scene.cells),

@@ -13,6 +13,7 @@ from kr210_sim.failures import FirstCauses, causes_text
 from kr210_sim.gates import Gates
 from kr210_sim.limits import MotionLimits
 from kr210_sim.proof import UNDECIDED, Watch
+from kr210_sim.schemas import SCHEMA_VERSION
 from kr210_sim.stats import Pool, spread, success_interval
 
 _TIMES = ("mean", "p50", "p95", "max")
@@ -52,7 +53,7 @@ def summarize(
     judged = gates.judge(succeeded, cycles, tally.watch, spreads)
     missed = [name for name, gate in judged.items() if not gate["met"]]
     return {
-        "schema_version": 1,
+        "schema_version": SCHEMA_VERSION,
         "complete": complete,
         "stopped_early": stopped_early and cycles < requested,
         "requested_cycles": requested,
