@@ -184,7 +184,7 @@ class _Server:
             threading.Event().wait()
         try:
             solver = self._solver()
-            form = recognise(solver)
+            form = self._task["form"] or recognise(solver)
         except Refused as refused:
             self._channel.write(event="finding", **refused.finding.as_json())
             _end()
@@ -192,8 +192,17 @@ class _Server:
         language = "Python 2" if self._is_python2 else "Python 3"
         self._channel.write(event="loaded", form=form, kept=self._kept, language=language)
         while (request := self._channel.read()) is not None:
-            self._answer(caller, request)
+            if "arguments" in request:
+                self._answer_exercise(caller, request["arguments"])
+            else:
+                self._answer(caller, request)
         _end()
+
+    def _answer_exercise(self, caller: Caller, arguments: Any) -> None:
+        try:
+            self._channel.write(event="values", values=caller.values(arguments))
+        except Refused as refused:
+            self._channel.write(event="finding", **refused.finding.as_json())
 
     def _answer(self, caller: Caller, request: Any) -> None:
         T = np.array(request["T"]).reshape(-1, 4, 4)

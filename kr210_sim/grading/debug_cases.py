@@ -30,6 +30,14 @@ class DebugCase(NamedTuple):
     wrist_center: tuple[float, ...]
     q: tuple[float, ...]
 
+    @property
+    def T_base_palm(self) -> Array:
+        """The pose as a matrix (4, 4)."""
+        T = np.eye(4)
+        T[:3, :3] = Rotation.from_quat(self.quaternion_xyzw).as_matrix()
+        T[:3, 3] = self.position
+        return T
+
 
 GOLDEN = (
     DebugCase(
@@ -52,6 +60,8 @@ GOLDEN = (
     ),
 )
 """The course's three."""
+
+_NEAR = 1e-3  # [m]
 
 _WARNING = """** Other branches and turns are as right as the angles compared with here: large theta
    errors alone prove nothing, the error of the end effector does. **"""
@@ -76,26 +86,43 @@ def debug_text(solver: ForeignSolver, robot: Robot, cases: Sequence[DebugCase]) 
         solver.load()
     except Refused as refused:
         return refused.finding.text(solver.source.name)
-    return "\n\n".join(
-        _case_text(solver, robot, case, f"case {number} of {len(cases)}")
-        for number, case in enumerate(cases, start=1)
+    texts, offsets = [], []
+    for number, case in enumerate(cases, start=1):
+        text, offset = _case_text(solver, robot, case, f"case {number} of {len(cases)}")
+        texts.append(text)
+        offsets.append(offset)
+    return "\n\n".join([*texts, _overall(offsets)])
+
+
+def _overall(offsets: Sequence[float]) -> str:
+    """Return one line about all cases; an offset of NaN is no answer."""
+    answered = [(offset, number) for number, offset in enumerate(offsets, 1) if offset == offset]
+    text = f"{len(answered)} of {len(offsets)} cases answered"
+    if not answered:
+        return text
+    near = sum(offset < _NEAR for offset, _ in answered)
+    worst, number = max(answered)
+    return (
+        f"{text}, {near} of them within {1e3 * _NEAR:.0f} mm; "
+        f"worst end effector offset {worst:.8f} units, in case {number}"
     )
 
 
-def _case_text(solver: ForeignSolver, robot: Robot, case: DebugCase, title: str) -> str:
-    T = np.eye(4)
-    T[:3, :3] = Rotation.from_quat(case.quaternion_xyzw).as_matrix()
-    T[:3, 3] = case.position
-    answer = solver.ask(T[None], np.zeros(6))
+def _case_text(
+    solver: ForeignSolver, robot: Robot, case: DebugCase, title: str
+) -> tuple[str, float]:
+    """Return what is said of a case, and the end effector's offset [m]."""
+    answer = solver.ask(case.T_base_palm[None], np.zeros(6))
     if answer.finding is not None or not np.all(np.isfinite(answer.q)):
         finding = answer.finding
         why = "no answer" if finding is None else finding.text(solver.source.name)
-        return f"{title}\n{why}"
+        return f"{title}\n{why}", np.nan
     reached = ik.forward(robot.geometry, answer.q[0])
     center = ik.wrist_center(robot.geometry, reached)
     seconds = f"{answer.seconds[0]:.4f}"
     thetas = np.abs(answer.q[0] - np.array(case.q))
-    return "\n".join(
+    missed = reached[:3, 3] - np.array(case.position)
+    text = "\n".join(
         [
             title,
             f"Total run time to calculate joint angles from pose is {seconds} seconds",
@@ -106,9 +133,10 @@ def _case_text(solver: ForeignSolver, robot: Robot, case: DebugCase, title: str)
             "",
             _WARNING,
             "",
-            *_errors("End effector", reached[:3, 3] - np.array(case.position)),
+            *_errors("End effector", missed),
         ]
     )
+    return text, float(np.linalg.norm(missed))
 
 
 def _errors(what: str, error: Array) -> list[str]:

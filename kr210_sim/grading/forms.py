@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import contextlib
 import inspect
 import math
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -21,6 +22,9 @@ FORMS = {
     "request": "f(req) with req.poses[i], -> points[i].positions",
 }
 """The forms that are accepted."""
+
+MOST_NUMBERS = 10_000
+"""In the answer of an exercise's function; the largest right one has a few hundred."""
 
 _ABOUT_ORIENTATION = ("quat", "orient", "rot")
 
@@ -126,6 +130,40 @@ class Caller:
             rows = self._points(answer, len(T))
         yield Answered(q=rows, seconds=seconds / max(1, len(T)))
 
+    def values(self, arguments: Sequence[Any]) -> list[Any]:
+        """Return the numbers that a function of an exercise answers, nested as an array is.
+
+        Args:
+            arguments: one per parameter; lists become arrays.
+
+        Raises:
+            Refused: if it takes other arguments, raises, or answers no numbers.
+        """
+        given = [np.array(value) if isinstance(value, list) else value for value in arguments]
+        with contextlib.suppress(ValueError):  # a compiled function without a signature
+            try:
+                inspect.signature(self._solver).bind(*given)
+            except TypeError as error:
+                raise self._refuse("form", f"does not take {len(given)} arguments") from error
+        answer, _ = self._call(None, *given)
+        if answer is None:
+            raise self._refuse("none", "answered None")
+        try:
+            cells = np.atleast_1d(np.asarray(answer, dtype=object))
+        except Exception as error:
+            what = type(answer).__name__
+            raise self._refuse("shape", f"answered a {what}, no array of numbers") from error
+        if cells.size > MOST_NUMBERS:
+            raise self._refuse("shape", f"answered {cells.size} numbers")
+        found: Array = np.empty(cells.shape)
+        for index, value in np.ndenumerate(cells):
+            where = "[" + ", ".join(map(str, index)) + "]"
+            found[index] = self._number(value, f"entry {where} of the answer", None)
+            if not math.isfinite(found[index]):
+                raise self._refuse("nan", f"entry {where} of the answer is {found[index]}")
+        nested: list[Any] = found.tolist()
+        return nested
+
     def _call(self, pose: int | None, *arguments: Any) -> tuple[Any, float]:
         started = time.perf_counter()
         try:
@@ -176,7 +214,10 @@ class Caller:
         angles = self._sequence(values, "six angles", pose)
         if len(angles) != 6:
             raise self._refuse("shape", f"answered {len(angles)} angles to pose {pose}", pose)
-        row = [self._number(value, pose, joint) for joint, value in enumerate(angles, start=1)]
+        row = [
+            self._number(value, f"theta {joint} of pose {pose}", pose)
+            for joint, value in enumerate(angles, start=1)
+        ]
         if nan and all(map(math.isnan, row)):
             return row
         for joint, value in enumerate(row, start=1):
@@ -185,13 +226,12 @@ class Caller:
                 raise self._refuse(kind, f"theta {joint} of pose {pose} is {value}", pose)
         return row
 
-    def _number(self, value: Any, pose: int, joint: int) -> float:
+    def _number(self, value: Any, where: str, pose: int | None) -> float:
         """Return a float of whatever kind of number: sympy's, mpmath's, NumPy's.
 
         Raises:
             Refused: if it is none, or complex.
         """
-        where = f"theta {joint} of pose {pose}"
         if value is None:
             raise self._refuse("none", f"{where} is None", pose)
         if isinstance(value, np.ndarray) and value.size == 1:

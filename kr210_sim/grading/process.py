@@ -66,6 +66,8 @@ class SolverProcess:
         output_bytes: how much it printed.
     """
 
+    given_form = ""  # which it has whatever its signature says
+
     def __init__(
         self,
         source: SolverSource,
@@ -203,6 +205,7 @@ class SolverProcess:
                 "file": str(self._file),
                 "module": source.module,
                 "function": source.function,
+                "form": self.given_form,
                 "folders": [str(self._scratch), str(folder)],
                 "joints": list(joints),
                 "limits": {

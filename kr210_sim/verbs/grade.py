@@ -49,6 +49,10 @@ def add(verbs: Any) -> None:
         "--debug-cases", nargs="?", const=0, type=whole, metavar="N",
         help="only print the errors at the course's three golden poses, and N random ones",
     )  # fmt: skip
+    parser.add_argument(
+        "--step", metavar="NAME",
+        help="grade one step of the course (docs/course), by the function of that name; or all",
+    )  # fmt: skip
     parser.add_argument("--jobs", type=whole, default=1, metavar="N", help="(default: 1)")
     parser.add_argument("--out", type=Path, metavar="DIR", help="folder of the reports")
     parser.add_argument("--resume", action="store_true", help="go on with the class in --out")
@@ -75,6 +79,8 @@ def _grade(options: argparse.Namespace) -> int:
         if len(paths) > 1 or paths[0].is_dir():
             return _class(paths, config, options)
         source = _source(options.solver[0])
+        if options.step is not None:
+            return _steps(source, config, options)
         if options.debug_cases is not None:
             return _debug(source, config, options)
         return _single(source, config, options)
@@ -107,6 +113,30 @@ def _debug(source: SolverSource, config: Any, options: argparse.Namespace) -> in
     return EXIT_PASSED
 
 
+def _steps(source: SolverSource, config: Any, options: argparse.Namespace) -> int:
+    from kr210_sim.grading.exercises import check_step, find_exercises, step_text
+    from kr210_sim.loading import read_robot
+    from kr210_sim.source import RobotSource
+
+    if options.debug_cases is not None:
+        raise BadInput("--step: give it or --debug-cases, not both")
+    if source.function is not None:
+        raise BadInput(f"--step: asks the step's own function; leave ':{source.function}' out")
+    exercises = find_exercises(options.step)
+    _, robot = read_robot(RobotSource())
+    found = []
+    text = sys.stderr if options.json else sys.stdout
+    for exercise in exercises:
+        found.append(check_step(exercise, source, robot, seed=config.seed, limits=config.limits))
+        print(step_text(exercise, found[-1]), file=text, flush=True)
+    passed = sum(step["passed"] for step in found)
+    if len(found) > 1:
+        print(f"\n{passed} of {len(found)} steps are right", file=text)
+    if options.json:
+        print(json.dumps(found, indent=2, allow_nan=False))
+    return EXIT_PASSED if passed == len(found) else EXIT_GATE
+
+
 def _single(source: SolverSource, config: Any, options: argparse.Namespace) -> int:
     from kr210_sim.grading.class_list import open_folder, write_grade
     from kr210_sim.grading.grade import grade
@@ -135,8 +165,9 @@ def _class(paths: list[Path], config: Any, options: argparse.Namespace) -> int:
     from kr210_sim.grading.class_list import find_items, grade_class, open_folder, write_class
     from kr210_sim.grading.report import CLASS_HEADER, class_line, class_row
 
-    if options.debug_cases is not None:
-        raise BadInput("--debug-cases: is for one solver at a time")
+    for option, given in (("--debug-cases", options.debug_cases), ("--step", options.step)):
+        if given is not None:
+            raise BadInput(f"{option}: is for one solver at a time")
     out = _out(options)
     items = find_items(paths, None, out)
     open_folder(out, resume=options.resume)

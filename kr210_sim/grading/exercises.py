@@ -1,0 +1,354 @@
+"""The exercises of the course: the function that a learner writes in each, and how it does."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from contextlib import closing
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+import ik
+from kr210_sim.arrays import Array
+from kr210_sim.exceptions import BadInput
+from kr210_sim.grading import exercise_cases as asked
+from kr210_sim.grading import judges
+from kr210_sim.grading.diagnosis import diagnose
+from kr210_sim.grading.exercise_cases import Case, Cases
+from kr210_sim.grading.findings import Finding, Refused
+from kr210_sim.grading.process import SolverProcess
+from kr210_sim.grading.source import SolverLimits, SolverSource
+from kr210_sim.robot import Robot
+
+ALL = "all"
+"""Instead of a step's name: every step, in the order of the course."""
+
+_FREE = np.full(6, np.inf)
+_UNWRITTEN = f"raised {NotImplementedError.__name__}"
+
+_XYZ, _JOINTS = ("x", "y", "z"), tuple(f"joint_{joint}" for joint in range(1, 7))
+_ROWS = tuple(f"row {row}" for row in range(1, 8))
+_AXES = tuple(f"axis {name}" for name in _XYZ)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Exercise:
+    """One step of the course.
+
+    Attributes:
+        call: the function to write, with its parameters.
+        answer: what it returns, with units and frames.
+        page: of the course that teaches it.
+        cases: that are asked.
+        shape: of an answer; None where the judge looks at it.
+        entries: names of an answer's rows and columns.
+        judge: of an answer.
+        whole: makes a whole solver's answer of it, for a diagnosis; None where that tells nothing.
+    """
+
+    call: str
+    answer: str
+    page: str
+    cases: Cases
+    shape: tuple[int, ...] | None
+    entries: tuple[tuple[str, ...], ...] = ()
+    judge: judges.Judge = judges.close
+    whole: judges.Whole | None = None
+
+    @property
+    def name(self) -> str:
+        """The function's name, which is the step's."""
+        return self.call.partition("(")[0]
+
+    @property
+    def document(self) -> str:
+        """Where the step is taught."""
+        return f"docs/course/{self.page}"
+
+    def entry(self, index: tuple[int, ...]) -> str:
+        """Return what a reader calls an entry of an answer."""
+        if len(self.entries) == len(index):
+            return ", ".join(names[i] for names, i in zip(self.entries, index, strict=True))
+        if self.shape == (1,):
+            return "it"
+        return ", ".join(f"{a} {i + 1}" for a, i in zip(("row", "column"), index, strict=False))
+
+
+EXERCISES = (
+    Exercise(
+        call="joint_table()",
+        answer="rows (x, y, z, axis x, axis y, axis z) of joint_1 to joint_6 and gripper_joint [m]",
+        page="01-joint-table.md",
+        cases=asked.joint_table,
+        shape=(7, 6),
+        entries=((*_JOINTS, "gripper_joint"), (*_XYZ, *_AXES)),
+    ),
+    Exercise(
+        call="dh_table()",
+        answer="7 rows (alpha_(i-1), a_(i-1), d_i, theta_i at q = 0) [rad, m]",
+        page="02-dh-frames.md",
+        cases=asked.dh_table,
+        shape=(7, 4),
+        entries=(_ROWS, ("alpha", "a", "d", "theta")),
+        judge=judges.same_table,
+    ),
+    Exercise(
+        call="transform(alpha, a, d, theta)",
+        answer="T_(i-1)_i (4, 4) of one row",
+        page="03-transforms.md",
+        cases=asked.transform,
+        shape=(4, 4),
+    ),
+    Exercise(
+        call="total_transform(q)",
+        answer="T_0_7 (4, 4) of joint angles (6,) [rad]",
+        page="03-transforms.md",
+        cases=asked.total,
+        shape=(4, 4),
+    ),
+    Exercise(
+        call="rotation(quaternion_xyzw)",
+        answer="the rotation matrix (3, 3) of a quaternion",
+        page="04-gripper-frame.md",
+        cases=asked.of_poses(
+            lambda robot, T: ((Rotation.from_matrix(T[:3, :3]).as_quat(),), T[:3, :3])
+        ),
+        shape=(3, 3),
+        whole=judges.from_rotation,
+    ),
+    Exercise(
+        call="dh_pose(T_0_gripper)",
+        answer="T_0_7 (4, 4): the same pose with the axes of the DH table",
+        page="04-gripper-frame.md",
+        cases=asked.of_poses(lambda robot, T: ((T,), asked.T_0_7_of(robot, T))),
+        shape=(4, 4),
+        whole=judges.from_dh_pose,
+    ),
+    Exercise(
+        call="wrist_center(T_0_7)",
+        answer="x, y, z in the base frame [m]",
+        page="05-wrist-center.md",
+        cases=asked.of_poses(
+            lambda robot, T: ((asked.T_0_7_of(robot, T),), ik.wrist_center(robot.geometry, T))
+        ),
+        shape=(3,),
+        entries=(_XYZ,),
+        whole=judges.from_center,
+    ),
+    Exercise(
+        call="first_three(center)",
+        answer="theta 1, 2, 3 [rad]",
+        page="06-theta-1-to-3.md",
+        cases=asked.of_poses(
+            lambda robot, T: ((ik.wrist_center(robot.geometry, T),), asked.front(robot, T)[:3])
+        ),
+        shape=(3,),
+        entries=(("theta 1", "theta 2", "theta 3"),),
+        judge=judges.reaches_center,
+        whole=judges.from_first_three,
+    ),
+    Exercise(
+        call="last_three(theta1, theta2, theta3, T_0_7)",
+        answer="theta 4, 5, 6 [rad]",
+        page="07-theta-4-to-6.md",
+        cases=asked.of_poses(
+            lambda robot, T: (
+                (*asked.front(robot, T)[:3].tolist(), asked.T_0_7_of(robot, T)),
+                asked.front(robot, T)[3:],
+            )
+        ),
+        shape=(3,),
+        entries=(("theta 4", "theta 5", "theta 6"),),
+        judge=judges.reaches_rotation,
+        whole=judges.from_last_three,
+    ),
+    Exercise(
+        call="all_branches(T_0_7)",
+        answer="(n, 6): every configuration that reaches the pose, turns aside [rad]",
+        page="08-branches-and-turns.md",
+        cases=asked.of_poses(
+            lambda robot, T: ((asked.T_0_7_of(robot, T),), asked.branches(robot, T))
+        ),
+        shape=None,
+        judge=judges.has_all,
+    ),
+    Exercise(
+        call="nearest_turns(q, q_before, lower, upper)",
+        answer="(6,): q plus whole turns, within limits, each angle next to q_before [rad]",
+        page="08-branches-and-turns.md",
+        cases=asked.turns,
+        shape=(6,),
+        entries=(_JOINTS,),
+    ),
+    Exercise(
+        call="solve(T_0_gripper, q_start)",
+        answer="(N, 6) for poses (N, 4, 4), the arm standing at q_start (6,) [rad]",
+        page="08-branches-and-turns.md",
+        cases=asked.legs,
+        shape=None,
+        judge=judges.follows,
+        whole=lambda robot, case, answer: answer,
+    ),
+    Exercise(
+        call="singularity(q)",
+        answer="distance of the wrist center from axis 1 [m], |sin gamma|, |sin theta 5|",
+        page="09-singularities.md",
+        cases=asked.singularity,
+        shape=(3,),
+        entries=(("shoulder", "elbow", "wrist"),),
+    ),
+    Exercise(
+        call="motion_time(distance, velocity, acceleration, jerk)",
+        answer="least time from rest to rest [s]",
+        page="11-motion.md",
+        cases=asked.times,
+        shape=(1,),
+    ),
+    Exercise(
+        call="proved_rate(cycles)",
+        answer="lower end of the exact 95 % interval when all of them succeed [1]",
+        page="12-ten-of-ten.md",
+        cases=asked.proofs,
+        shape=(1,),
+    ),
+)
+"""In the order of the course."""
+
+
+def find_exercises(name: str) -> tuple[Exercise, ...]:
+    """Return the exercise of a name, or all.
+
+    Raises:
+        BadInput: naming the option and the remedy.
+    """
+    found = tuple(exercise for exercise in EXERCISES if name in (exercise.name, ALL))
+    if not found:
+        known = ", ".join(exercise.name for exercise in EXERCISES)
+        raise BadInput(f"--step: no step '{name:.80}'; give {ALL} or one of {known}")
+    return found
+
+
+class FunctionProcess(SolverProcess):
+    """A function of an exercise in a process of its own."""
+
+    given_form = "exercise"
+
+    def call(self, arguments: Sequence[Any]) -> Array:
+        """Return what it answers to some arguments, as an array.
+
+        Raises:
+            Refused: if it does not answer numbers in time.
+        """
+        self._send({"arguments": [np.asarray(value).tolist() for value in arguments]})
+        message = self._receive(self._limits.pose_timeout, "a case")
+        self._drain_now()
+        if message.get("event") == "finding":
+            raise Refused(Finding.from_json(message))
+        try:
+            values = np.array(message["values"], dtype=float)
+        except (KeyError, TypeError, ValueError, OverflowError) as error:
+            raise self._lost("its answer is not of the agreed form") from error
+        if not values.size or not np.isfinite(values).all():
+            raise Refused(Finding(kind="shape", detail="answered no finite numbers"))
+        return values
+
+
+def check_step(
+    exercise: Exercise, source: SolverSource, robot: Robot, *, seed: int, limits: SolverLimits
+) -> dict[str, Any]:
+    """Ask a learner's function for every case of an exercise, and judge the answers.
+
+    Args:
+        exercise: the step.
+        source: the learner's file or module; its function is the step's.
+        robot: the truth.
+        seed: of the random cases.
+        limits: what the code may use.
+
+    Returns:
+        What `--json` prints: passed, counts, the worst error, what is wrong, and diagnoses;
+        `written` is False for a function that is still as in the template.
+    """
+    named = SolverSource(file=source.file, module=source.module, function=exercise.name)
+    cases = exercise.cases(robot, seed)
+    errors: list[float] = []
+    answers: list[Array] = []
+    first, written = "", True
+    try:
+        with closing(FunctionProcess(named, limits)) as process:
+            for case in cases:
+                answer = _shaped(process.call(case.arguments), exercise.shape)
+                error, text = exercise.judge(robot, case, answer, exercise.entry)
+                first = first or (f"{case.title}: {text}" if error > judges.TOLERANCE else "")
+                errors.append(error)
+                answers.append(answer)
+    except Refused as refused:
+        about = f"{cases[len(errors)].title}: " if errors else ""
+        first = first or about + refused.finding.text(source.name)
+        written = not refused.finding.detail.startswith(_UNWRITTEN)
+    right = sum(error <= judges.TOLERANCE for error in errors)
+    worst = max(errors, default=math.inf)
+    return {
+        "step": exercise.name,
+        "passed": right == len(cases),
+        "written": written,
+        "cases": len(cases),
+        "right": right,
+        "worst_error": worst if math.isfinite(worst) else None,
+        "finding": first or None,
+        "diagnoses": _diagnoses(exercise, robot, cases, answers) if first else [],
+        "page": exercise.document,
+    }
+
+
+def _shaped(answer: Array, shape: tuple[int, ...] | None) -> Array:
+    """Return an answer in the shape that is wanted, where it differs by rows of one alone.
+
+    Raises:
+        Refused: if it has another.
+    """
+    if shape is None or answer.shape == shape:
+        return answer
+    if np.squeeze(answer).shape == tuple(count for count in shape if count != 1):
+        return answer.reshape(shape)
+    detail = f"answered an array of shape {answer.shape}, wanted {shape}"
+    raise Refused(Finding(kind="shape", detail=detail))
+
+
+def _diagnoses(
+    exercise: Exercise, robot: Robot, cases: Sequence[Case], answers: Sequence[Array]
+) -> list[dict[str, str]]:
+    """Return the known mistakes that explain wrong answers, all other steps done right."""
+    if exercise.whole is None:
+        return []
+    legs = []
+    for case, answer in zip(cases, answers, strict=False):
+        if exercise.shape is None and answer.shape != (len(case.T), 6):
+            continue
+        q = exercise.whole(robot, case, answer)
+        if np.isfinite(q).all():
+            legs.append((case.T, q[0], q))
+    # A part of an answer may be right in a branch that is not within limits.
+    lower, upper = (robot.lower, robot.upper) if exercise.shape is None else (-_FREE, _FREE)
+    found = diagnose(legs, lower, upper, arm=robot.geometry)
+    return [item.as_json() for item in found if item.key != "unexplained"]
+
+
+def step_text(exercise: Exercise, found: dict[str, Any]) -> str:
+    """Return the result of `check_step` as a few lines."""
+    count, right = found["cases"], found["right"]
+    if found["passed"]:
+        return f"{exercise.name}: right in {right} of {count} cases, to {found['worst_error']:.1e}"
+    if not found["written"]:
+        return f"{exercise.name}: not written yet, see {found['page']}"
+    lines = [
+        f"{exercise.name}: right in {right} of {count} cases",
+        f"  finding    {found['finding']}",
+        *(f"  diagnosis  {item['text']} ({item['page']})" for item in found["diagnoses"]),
+        f"  to write   {exercise.call} -> {exercise.answer}",
+        f"  read       {found['page']}",
+    ]
+    return "\n".join(lines)

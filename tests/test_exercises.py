@@ -1,0 +1,299 @@
+"""The exercises of the course: right functions pass, wrong ones are told where and why."""
+
+from __future__ import annotations
+
+import importlib.util
+import inspect
+import json
+from math import atan2, hypot, pi
+from pathlib import Path
+from types import ModuleType
+
+import numpy as np
+import pytest
+
+from kr210_sim.cli import main
+from kr210_sim.exceptions import BadInput
+from kr210_sim.grading import exercises
+from kr210_sim.grading.exercises import EXERCISES, check_step, find_exercises, step_text
+from kr210_sim.grading.findings import Refused, Source
+from kr210_sim.grading.forms import Caller
+from kr210_sim.grading.source import SolverLimits, SolverSource
+
+ROOT = Path(__file__).parents[1]
+COURSE = ROOT / "examples" / "course"
+NAMES = [exercise.name for exercise in EXERCISES]
+
+
+def loaded(name: str) -> ModuleType:
+    spec = importlib.util.spec_from_file_location(name, COURSE / f"{name}.py")
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+SOLVED, TEMPLATE = loaded("solution"), loaded("exercises")
+
+
+@pytest.fixture
+def asked(monkeypatch, robot):
+    """Return check(name, function): the exercise without a process, but over the same JSON."""
+
+    def check(name: str, function, seed: int = 0) -> dict:
+        caller = Caller(function, "exercise", Source(Path("mine.py"), ""))
+
+        class InProcess:
+            def __init__(self, source, limits):
+                assert source.function == name
+
+            def call(self, arguments):
+                sent = json.loads(json.dumps([np.asarray(value).tolist() for value in arguments]))
+                return np.array(json.loads(json.dumps(caller.values(sent))))
+
+            def close(self): ...
+
+        monkeypatch.setattr(exercises, "FunctionProcess", InProcess)
+        (exercise,) = find_exercises(name)
+        source = SolverSource(file=Path("mine.py"))
+        found = check_step(exercise, source, robot, seed=seed, limits=SolverLimits())
+        json.dumps(found, allow_nan=False)
+        return found | {"text": step_text(exercise, found)}
+
+    return check
+
+
+# ---- right ----------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_the_solution_is_right_whatever_the_seed(name, asked):
+    for seed in (0, 1):
+        found = asked(name, getattr(SOLVED, name), seed)
+        assert found["passed"], found["text"]
+        assert found["worst_error"] < 1e-10
+        assert found["finding"] is None
+
+
+@pytest.mark.parametrize("exercise", EXERCISES, ids=NAMES)
+def test_template_solution_and_list_agree_on_the_functions(exercise):
+    for module in (SOLVED, TEMPLATE):
+        signature = inspect.signature(getattr(module, exercise.name))
+        assert exercise.call == f"{exercise.name}{signature}"
+    page = int(exercise.page[:2])
+    assert (getattr(TEMPLATE, exercise.name).__doc__).startswith(f"Page {page}.")
+    assert (ROOT / exercise.document).is_file()
+
+
+def test_the_template_is_not_written_yet(asked):
+    for name in NAMES:
+        found = asked(name, getattr(TEMPLATE, name))
+        assert (found["passed"], found["written"]) == (False, False)
+        assert "not written yet, see docs/course/" in found["text"]
+
+
+def test_cases_of_every_kind_are_there(robot):
+    for exercise in EXERCISES:
+        cases = exercise.cases(robot, 0)
+        named = 2 if exercise.name == "solve" else 1
+        assert len(cases) >= (20 if exercise.name in NAMES[6:10] else named)
+    branches = {len(case.wanted) for case in find_exercises("all_branches")[0].cases(robot, 0)}
+    assert branches == {4, 8}
+
+
+def test_any_branch_and_any_turn_will_do(asked):
+    def elbow_down(center):
+        return np.add(SOLVED.arm_angles(center, 1, -1), (2 * pi, 0, 0))
+
+    def flipped(theta1, theta2, theta3, T_0_7):
+        theta4, theta5, theta6 = SOLVED.last_three(theta1, theta2, theta3, T_0_7)
+        return theta4 - pi, -theta5, theta6 + pi
+
+    assert asked("first_three", elbow_down)["passed"]
+    assert asked("last_three", flipped)["passed"]
+    assert asked("all_branches", lambda T_0_7: SOLVED.all_branches(T_0_7)[::-1])["passed"]
+
+
+def test_sympy_and_columns_are_numbers_too(asked):
+    sympy = pytest.importorskip("sympy")
+    found = asked("wrist_center", lambda T_0_7: sympy.Matrix(SOLVED.wrist_center(T_0_7)))
+    assert found["passed"], found["text"]
+
+
+def test_the_solution_stands_at_a_singular_wrist():
+    T = np.eye(4)
+    T[:3, 3] = (2.153, 0.0, 1.946)
+    q = np.array([0.0, 0.0, 0.0, 1.0, 0.0, -1.0])
+    np.testing.assert_allclose(SOLVED.total_transform(q)[:3, 3], T[:3, 3], atol=1e-12)
+    (answer,) = SOLVED.solve(T[None], np.zeros(6))
+    np.testing.assert_allclose(answer, np.zeros(6), atol=1e-9)
+
+
+# ---- wrong ----------------------------------------------------------------------------------
+
+
+def otherwise_chosen():
+    """A table of the same arm with x_4 the other way round."""
+    table = np.array(SOLVED.dh_table())
+    table[3, 3] += pi
+    table[4] *= [-1, -1, 1, 1]
+    table[4, 3] += pi
+    return table
+
+
+def no_sag(center):
+    theta1, theta2, theta3 = SOLVED.first_three(center)
+    return theta1, theta2, theta3 + SOLVED.SAG
+
+
+def from_axis_1(center):
+    theta1, theta2, theta3 = SOLVED.first_three(center)
+    along, up = hypot(*center[:2]), center[2] - SOLVED.D1
+    return theta1, theta2 + atan2(up, along - SOLVED.A1) - atan2(up, along), theta3
+
+
+def wrong_sign(theta1, theta2, theta3, T_0_7):
+    return SOLVED.last_three(theta1, theta2, theta3, T_0_7) * np.array([1, -1, 1])
+
+
+def spinning(T_0_gripper, q_start):
+    answer = SOLVED.solve(T_0_gripper, q_start)
+    answer[5::2, 5] -= 2 * pi * np.sign(answer[5::2, 5])
+    return answer
+
+
+def far_away(T_0_gripper, q_start):
+    answer = SOLVED.solve(T_0_gripper, q_start)
+    answer[-1, 0] += 4 * pi
+    return answer
+
+
+WRONG = [
+    ("joint_table", lambda: SOLVED.joint_table()[:6], "shape (6, 6), wanted (7, 6)", None),
+    ("joint_table", lambda: np.array(SOLVED.joint_table()) * 2, "joint_3, z is 2.5", None),
+    ("dh_table", lambda: [[0, *row[1:]] for row in SOLVED.dh_table()], "row 2, alpha is 0,", None),
+    ("dh_table", otherwise_chosen, "chosen otherwise", None),
+    ("transform", lambda *row: SOLVED.transform(*row).T, "wanted", None),
+    ("total_transform", lambda q: np.eye(4), "q = 0: row", None),
+    ("rotation", lambda q: SOLVED.rotation(q).T, "golden pose 1", "gripper_correction"),
+    ("rotation", lambda q: SOLVED.rotation(np.roll(q, -1)), "row", "rpy_order"),
+    ("rotation", lambda q: np.zeros((3, 3)), "row", None),
+    ("dh_pose", lambda T: T, "before cell 5: row", "gripper_correction"),
+    ("wrist_center", lambda T: T[:3, 3] - 0.193 * T[:3, 2], "x is 2.007, ", "tool_length"),
+    ("first_three", no_sag, "missed by 0.054 m", "sag"),
+    ("first_three", from_axis_1, "theta 2 is", "shoulder_offset"),
+    ("last_three", wrong_sign, "theta 5 is", "wrist_branch"),
+    ("all_branches", lambda T: SOLVED.all_branches(T)[::2], "has 4 of 8 branches", None),
+    ("all_branches", lambda T: SOLVED.all_branches(T) + 0.1, "row", None),
+    ("all_branches", lambda T: [1.0, 2.0], "shape (2,), wanted (n, 6)", None),
+    ("nearest_turns", lambda q, q_before, lower, upper: q, "joint_", None),
+    ("solve", lambda T, q: SOLVED.solve(T, q)[:1], "shape (1, 6), wanted (60, 6)", None),
+    ("solve", lambda T, q: SOLVED.solve(T, q) + 0.01, "is missed by", None),
+    ("solve", spinning, "joint 6", "turn_jumps"),
+    ("solve", far_away, "joint 1 of pose 59 is beyond its limit", "beyond_limits"),
+    ("singularity", lambda q: (1, 2), "shape (2,), wanted (3,)", None),
+    ("motion_time", lambda *given: given[0] / given[1], "it is 2, wanted 2.3", None),
+    ("proved_rate", lambda cycles: 1.0, "1 of 1: it is 1, wanted 0.025", None),
+    ("proved_rate", lambda: 1.0, "does not take 1 arguments", None),
+    ("proved_rate", lambda cycles: None, "answered None", None),
+    ("proved_rate", lambda cycles: "much", "is no number but a str", None),
+    ("proved_rate", lambda cycles: 1j, "is complex", None),
+    ("proved_rate", lambda cycles: float("nan"), "entry [0] of the answer is nan", None),
+    ("proved_rate", lambda cycles: [[1], [1, 2]], "is no number but a list", None),
+    ("wrist_center", lambda T: T[9], "raised IndexError", None),
+]
+
+
+@pytest.mark.parametrize(("name", "function", "text", "key"), WRONG)
+def test_a_mistake_is_told_where_and_named_where_it_is_known(name, function, text, key, asked):
+    found = asked(name, function)
+    assert not found["passed"]
+    assert text in found["finding"]
+    keys = [item["page"].partition("#")[2] for item in found["diagnoses"]]
+    assert key in keys if key else not keys
+    assert found["page"] in found["text"]
+
+
+# ---- the command ----------------------------------------------------------------------------
+
+
+def test_an_unknown_step_is_refused_with_those_there_are():
+    with pytest.raises(BadInput, match="wrist_center"):
+        find_exercises("wrist")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "text"),
+    [
+        (["solution.py", "--step", "nope"], "--step: no step 'nope'"),
+        (["solution.py:solve", "--step", "solve"], "leave ':solve' out"),
+        (["solution.py", "--step", "solve", "--debug-cases"], "not both"),
+        (["solution.py", "exercises.py", "--step", "solve"], "--step: is for one solver"),
+    ],
+)
+def test_bad_input_is_one_line(arguments, text, monkeypatch, capsys):
+    monkeypatch.chdir(COURSE)
+    assert main(["grade", *arguments]) == 2
+    assert text in capsys.readouterr().err
+
+
+STEPS = """
+import os, time
+def wrist_center(T_0_7):
+    open({outside!r}, "w")
+def first_three(center):
+    os._exit(3)
+def last_three(theta1, theta2, theta3, T_0_7):
+    while True:
+        pass
+def dh_table():
+    return [[0.0] * 4] * 10**5
+"""
+
+
+@pytest.mark.slow
+def test_a_hostile_function_is_held_to_its_process(tmp_path, capsys):
+    outside = tmp_path / "outside"
+    mine = tmp_path / "mine.py"
+    mine.write_text(STEPS.format(outside=str(outside)))
+    for name, text in {
+        "wrist_center": "raised PermissionError",
+        "first_three": "ended itself with status 3",
+        "last_three": "no answer to a case within 1 s",
+        "dh_table": "answered 400000 numbers",
+        "dh_pose": "there is no function dh_pose; it has dh_table, first_three",
+    }.items():
+        assert main(["grade", str(mine), "--step", name, "--pose-timeout", "1"]) == 1
+        assert text in capsys.readouterr().out
+    assert not outside.exists()
+
+
+@pytest.mark.slow
+def test_all_steps_of_the_solution_in_processes_of_their_own(capsys):
+    assert main(["grade", str(COURSE / "solution.py"), "--step", "all", "--json"]) == 0
+    printed = capsys.readouterr()
+    assert [step["step"] for step in json.loads(printed.out)] == NAMES
+    assert "15 of 15 steps are right" in printed.err
+    assert main(["grade", str(COURSE / "exercises.py"), "--step", "transform"]) == 1
+
+
+def test_an_answer_that_is_none_is_refused(robot):
+    class Silent(exercises.FunctionProcess):
+        def __init__(self, message):
+            self.message, self._limits = message, SolverLimits()
+
+        def _send(self, message): ...
+
+        def _receive(self, allowed, what):
+            return self.message
+
+        def _drain_now(self): ...
+
+        def _lost(self, detail, **more):
+            return super()._lost(detail)
+
+        def _kill(self): ...
+
+    for message in ({}, {"values": "x"}, {"values": [[1], [1, 2]]}, {"values": []},
+                    {"values": [float("inf")]}, {"values": {}}):  # fmt: skip
+        with pytest.raises(Refused):
+            Silent({"event": "values"} | message).call(())
