@@ -41,6 +41,11 @@ FREE_STAGES = frozenset({"MOVE_TO_PICK", "MOVE_TO_PLACE", "MOVE_HOME"})
 MOTION_STAGES = frozenset(STAGES) - {"CLOSE_GRIPPER", "OPEN_GRIPPER", "SETTLE"}
 
 
+def stage_label(stage: str) -> str:
+    """Return a stage's name as people write it."""
+    return stage.lower().replace("_", " ")
+
+
 @dataclass(frozen=True, kw_only=True)
 class Event:
     """Something that went wrong: a condition broken or a stage that could not go on.

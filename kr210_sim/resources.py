@@ -1,4 +1,4 @@
-"""Where the bundled robots and scenes lie, in a checkout and in an installed wheel alike."""
+"""Where the bundled robots, scenes and texts lie, in a checkout and in an installed wheel alike."""
 
 from __future__ import annotations
 
@@ -8,12 +8,12 @@ _PACKAGE = Path(__file__).resolve().parent
 
 
 def resource(*parts: str) -> Path:
-    """Return the path of a bundled file or folder below `assets/` or `scenes/`.
+    """Return the path of a bundled file or folder below `assets/`, `scenes/` or `docs/`.
 
-    A wheel carries the two folders inside the package; a checkout has them beside it.
+    A wheel carries them inside the package, of `docs/` what is needed; a checkout beside it.
 
     Args:
-        parts: path components, the first of them "assets" or "scenes".
+        parts: path components, the first of them one of these folders.
 
     Raises:
         FileNotFoundError: if the installation lacks it.

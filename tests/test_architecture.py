@@ -22,12 +22,13 @@ PRINTING = ("cli", "video", "verbs.")
 
 WITHOUT_MUJOCO = (
     "arrays", "compare", "config", "criteria", "exceptions", "failures", "gates",
-    "grading.diagnosis", "grading.explain", "grading.mistakes", "grading.steps", "legs", "path",
-    "planning", "proof", "randomize", "record", "resources", "sampling", "score", "separation",
-    "stats", "success_map", "summary", "task", "tcp_limits", "time_law", "tracks", "trajectory",
-    "plots.cycle_plots", "plots.map_plots", "plots.recorded", "plots.run_plots",
-    "plots.space_plot", "plots.theme",
-    "report.page", "report.reading", "report.write",
+    "grading.advice", "grading.diagnosis", "grading.explain", "grading.mistakes", "grading.steps",
+    "legs", "path", "planning", "proof", "randomize", "record", "resources",
+    "sampling", "score", "separation", "stats", "success_map", "summary", "task", "tcp_limits",
+    "time_law", "tracks", "trajectory",
+    "plots.cycle_plots", "plots.grade_plots", "plots.map_plots", "plots.offsets",
+    "plots.recorded", "plots.run_plots", "plots.space_plot", "plots.theme",
+    "report.page", "report.reading", "report.templating", "report.write",
 )  # fmt: skip
 
 

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 import ik
+from kr210_sim.grading.advice import advice
 from kr210_sim.grading.diagnosis import diagnose
 from kr210_sim.grading.mistakes import (
     arm_mistakes,
@@ -153,8 +154,10 @@ def test_answers_whose_mistaken_wrist_center_is_out_of_reach_say_nothing():
     legs, probes = asked(16, solvers.no_wrist_offset)
     (found,) = diagnose(legs, LOWER, UPPER, probes=probes)
     assert found.key == "tool_length"
-    right, away = re.search(r"in (\d+) and out of reach in (\d+)", found.text).groups()
-    assert int(right) < int(away) == POSES * 2 + PROBES - int(right)
+    right, away = re.search(
+        r"in (\d+) of 72 answers and out of reach in (\d+)", found.text
+    ).groups()
+    assert int(right) < int(away) == 72 - int(right)
 
 
 @pytest.mark.parametrize("seeds", SEEDS)
@@ -260,3 +263,8 @@ def test_every_key_has_a_section():
     keys |= set().union(*ALONE.values(), *PAIRS.values())
     keys |= {"shoulder_branch", "unexplained"}
     assert set(re.findall(r"^## (\w+)$", PAGE.read_text(), re.MULTILINE)) == keys
+    for key in keys:
+        found = advice(key)
+        assert found is not None, key
+        assert all(text.endswith(".") and "*" not in text for text in (found.see, found.do)), key
+    assert advice("no_such_mistake") is None

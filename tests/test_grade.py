@@ -2,50 +2,36 @@
 
 from __future__ import annotations
 
-import csv
 import json
-import os
-import signal
-import subprocess
-import sys
 import tempfile
 from dataclasses import replace
 from pathlib import Path
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from drawn_grades import BRIEF, graded
 
 import ik
 from kr210_sim.cli import main
-from kr210_sim.exceptions import BadInput
-from kr210_sim.grading import class_list
 from kr210_sim.grading import grade as grading
-from kr210_sim.grading.class_list import find_items, grade_class, open_folder, write_class
 from kr210_sim.grading.debug_cases import GOLDEN, debug_text, random_cases
 from kr210_sim.grading.foreign import Asked, ForeignSolver
-from kr210_sim.grading.grade import GradeConfig, grade
-from kr210_sim.grading.page import class_page, grade_page
+from kr210_sim.grading.grade import GradeConfig
 from kr210_sim.grading.poses import Leg, mark_leg, rows_of, summarize_marks
 from kr210_sim.grading.process import Answer
-from kr210_sim.grading.report import class_line, grade_text
-from kr210_sim.grading.source import SolverLimits, SolverSource
+from kr210_sim.grading.report import grade_text
+from kr210_sim.grading.source import SolverSource
 
 ROOT = Path(__file__).parents[1]
 EXAMPLES = ROOT / "examples"
 COURSE = sorted((Path(__file__).parent / "solvers" / "course").glob("*.py"))
 GEOMETRIC = (EXAMPLES / "solutions" / "geometric_ik.py").read_text()
 HOME = np.zeros(6)
-BRIEF = GradeConfig(cycles=1, limits=SolverLimits(pose_timeout=3.0, time_limit=9.0))
 
 
 @pytest.fixture(autouse=True)
 def _one_scene(scene, monkeypatch):
     monkeypatch.setattr(grading, "_scene", lambda config: scene)
-
-
-def graded(path: Path, config: GradeConfig = BRIEF) -> dict:
-    return grade(SolverSource(file=path), config).content
 
 
 # ---- pose by pose ---------------------------------------------------------------------------
@@ -114,129 +100,6 @@ def test_poses_without_an_answer_have_no_errors(robot, q):
     rows = rows_of(mark_leg(robot, none))
     assert [row["q_rad"] for row in rows] == [None] * 20
     assert summarize_marks([])["position_error_m"]["max"] is None
-
-
-# ---- reports --------------------------------------------------------------------------------
-
-
-@pytest.fixture(scope="module")
-def failing(tmp_path_factory):
-    path = tmp_path_factory.mktemp("class") / "<b>evil.py"
-    path.write_text("import numpy\nimport no_such_package\n")
-    return path
-
-
-@pytest.fixture(scope="module")
-def failed(failing, scene):
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(grading, "_scene", lambda config: scene)
-        return graded(failing)
-
-
-def test_a_file_that_fails_at_once_is_reported_with_its_line(failed):
-    content = failed
-    (finding,) = content["findings"]
-    assert (finding["kind"], finding["line"]) == ("import", 2)
-    assert (content["passed"], content["succeeded"]) == (False, 0)
-    text = grade_text(content)
-    assert "line 2: raised ModuleNotFoundError" in text
-    assert "Traceback" not in text
-    page = grade_page(content)
-    assert "<b>evil" not in page
-    assert "&lt;b&gt;evil" in page
-    assert "no_such_package" in class_line(content)
-    assert "<b>" not in class_page([content])
-    json.dumps(content, allow_nan=False)
-
-
-def test_spreadsheets_get_no_formulas(tmp_path, failed):
-    write_class(tmp_path, [failed | {"name": "=cmd()"}])
-    with (tmp_path / "class.csv").open() as file:
-        (row,) = csv.DictReader(file)
-    assert row["name"] == "'=cmd()"
-
-
-def test_debug_cases_print_the_errors_of_golden_poses(robot):
-    class Right:
-        source = SolverSource(module="right")
-        answers = iter([*GOLDEN, *random_cases(robot, 2, 0)])
-
-        def load(self): ...
-
-        def ask(self, T, q_start):
-            return Answer(q=np.array([next(self.answers).q]), seconds=np.array([0.25]))
-
-    text = debug_text(Right(), robot, [*GOLDEN, *random_cases(robot, 2, 0)])
-    offsets = [
-        float(line.split()[-2]) for line in text.splitlines() if "Overall end effector" in line
-    ]
-    assert max(offsets[:3]) < 0.02
-    assert max(offsets[3:]) < 1e-8
-    assert "Theta 6 error is: 0.00000000" in text
-    assert "0.2500 seconds" in text
-
-
-# ---- a class --------------------------------------------------------------------------------
-
-
-def test_files_and_folders_make_a_class(tmp_path):
-    (tmp_path / "anna").mkdir()
-    for name in ("b.py", "_hidden.py", "notes.txt", "anna/IK_server.py"):
-        (tmp_path / name).write_text("")
-    items = find_items([tmp_path, tmp_path / "b.py"], None, Path("out"))
-    assert [item.name for item in items] == ["anna/IK_server", "b", "b-2"]
-    assert items[0].folder == Path("out/anna__IK_server")
-    (tmp_path / "empty").mkdir()
-    with pytest.raises(BadInput, match=r"no \.py files"):
-        find_items([tmp_path / "empty"], None, Path("out"))
-
-
-def test_a_class_goes_on_where_it_was(tmp_path, monkeypatch, failed):
-    seen: list[str] = []
-
-    def fake(source, config):
-        seen.append(source.file.name)
-        known = {"sha256": class_list.checksum(source), "options": config.as_json()}
-        return SimpleNamespace(content=failed | known)
-
-    for name in "abc":
-        (tmp_path / f"{name}.py").write_text(f"{name} = 1\n")
-    out = tmp_path / "out"
-    monkeypatch.setattr(class_list, "grade", fake)
-    items = find_items([tmp_path / f"{name}.py" for name in "abc"], None, out)
-    grade_class(items[:2], BRIEF, jobs=1, on_grade=lambda content: None)
-    (tmp_path / "b.py").write_text("b = 2\n")
-    told: list[str] = []
-    contents = grade_class(
-        items, BRIEF, jobs=1, on_grade=lambda content: told.append(content["name"])
-    )
-    assert seen == ["a.py", "b.py", "b.py", "c.py"]  # b has changed meanwhile
-    assert [content["name"] for content in contents] == sorted(told) == ["a", "b", "c"]
-    assert (out / "a" / "grade.html").is_file()
-    with pytest.raises(BadInput, match="--resume"):
-        open_folder(out, resume=False)
-
-
-@pytest.mark.parametrize(
-    ("arguments", "text"),
-    [
-        (["absent.py"], "absent.py"),
-        (["nothing"], "no solver"),
-        (["{file}", "--cycles", "0"], "--cycles"),
-        (["{file}", "--frame", "tool0"], "--frame"),
-        (["{file}", "--ik-scope", "none"], "--ik-scope"),
-        (["{file}", "--pose-timeout", "0"], "--pose-timeout"),
-        (["{file}", "--time-limit", "nan"], "--time-limit"),
-        (["{file}", "--resume"], "--resume"),
-        (["{file}", "--jobs", "0"], "--jobs"),
-        (["{file}", "--debug-cases", "-1"], "--debug-cases"),
-        (["{file}", "{file}", "--debug-cases"], "--debug-cases"),
-        (["{file}", "--out", "{file}"], "--out"),
-    ],
-)
-def test_bad_input_is_one_line(arguments, text, failing, capsys):
-    assert main(["grade", *(word.replace("{file}", str(failing)) for word in arguments)]) == 2
-    assert text in capsys.readouterr().err
 
 
 # ---- whole grades ---------------------------------------------------------------------------
@@ -355,37 +218,24 @@ def test_poses_of_link_6_suit_a_solver_that_expects_them(tmp_path):
     assert "poses of link_6" in grade_text(right)
 
 
-@pytest.mark.slow
-@pytest.mark.skipif(sys.platform == "win32", reason="signals")
-def test_a_class_that_is_killed_goes_on(tmp_path):
-    """Progress is shown, an interrupt says how to go on, and what is graded is not graded again."""
-    count = 6
-    for index in range(count):
-        (tmp_path / f"student_{index}.py").write_text(
-            f"import time; time.sleep(0.5)\nx = {index}\n"
-        )
-    out = tmp_path / "out"
-    program = "import sys; from kr210_sim.cli import main; sys.exit(main())"
-    command = [sys.executable, "-c", program]
-    command += ["grade", str(tmp_path), "--cycles", "1", "--jobs", "2", "--out", str(out)]
-    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
-    for line in process.stdout:
-        if line.lstrip().startswith(f"2/{count}"):
-            break
-    process.send_signal(signal.SIGINT)
-    errors = process.communicate(timeout=60)[1]
-    assert process.returncode == 130, errors
-    assert "--resume goes on" in errors
-    times = {path: path.stat().st_mtime_ns for path in out.rglob("grade.json")}
-    assert 2 <= len(times) < count
-    done = subprocess.run([*command, "--resume"], capture_output=True, text=True, check=False)
-    assert done.returncode == 1
-    assert f"{count}/{count}" in done.stdout
-    assert all(path.stat().st_mtime_ns == before for path, before in times.items())
-    with (out / "class.csv").open() as file:
-        assert len(list(csv.DictReader(file))) == count
-    assert (out / "class.html").is_file()
-    assert not os.path.exists(out / "class.csv.part")
+def test_debug_cases_print_the_errors_of_golden_poses(robot):
+    class Right:
+        source = SolverSource(module="right")
+        answers = iter([*GOLDEN, *random_cases(robot, 2, 0)])
+
+        def load(self): ...
+
+        def ask(self, T, q_start):
+            return Answer(q=np.array([next(self.answers).q]), seconds=np.array([0.25]))
+
+    text = debug_text(Right(), robot, [*GOLDEN, *random_cases(robot, 2, 0)])
+    offsets = [
+        float(line.split()[-2]) for line in text.splitlines() if "Overall end effector" in line
+    ]
+    assert max(offsets[:3]) < 0.02
+    assert max(offsets[3:]) < 1e-8
+    assert "Theta 6 error is: 0.00000000" in text
+    assert "0.2500 seconds" in text
 
 
 @pytest.mark.slow

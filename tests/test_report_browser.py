@@ -1,4 +1,4 @@
-"""The report in a real browser: quiet, alone, as wide as its window, its details found by link.
+"""Reports and grades in a real browser: quiet, alone, as wide as the window, readable on paper.
 
 Skipped where playwright or Chromium is missing.
 """
@@ -7,11 +7,15 @@ from __future__ import annotations
 
 import shutil
 from collections.abc import Iterator
+from pathlib import Path
 from typing import Any
 
 import pytest
+from drawn_grades import drawn_grade
 from drawn_runs import DROPPED, SCENERY, make_record, make_run
 
+from kr210_sim.grading.class_list import write_class, write_grade
+from kr210_sim.grading.grade import GradeConfig
 from kr210_sim.record import Event
 from kr210_sim.report.reading import read_run
 from kr210_sim.report.write import write_report
@@ -48,6 +52,19 @@ def report(tmp_path_factory):
     return write_report(read_run(out), SCENERY)
 
 
+@pytest.fixture(scope="module")
+def grades(tmp_path_factory, scene):
+    """The page of a solver with long words, and that of its class."""
+    out = tmp_path_factory.mktemp("class")
+    mistaken = Path(__file__).parent / "mistaken_solvers.py"
+    content = drawn_grade(scene, mistaken, "frame_and_turns", GradeConfig(cycles=10))
+    content |= {"name": "n" * 70, "solver": "s" * 150, "output": "printed " * 40 + "p" * 300}
+    content["findings"] = [{"kind": "raised", "detail": "d" * 200, "line": 3, "source": "x" * 300}]
+    write_grade(out / content["name"], content)
+    write_class(out, [content], total=2, command="kr210-sim grade " + "c" * 200)
+    return {"solver": out / content["name"] / "grade.html", "class": out / "class.html"}
+
+
 def opened(browser: Any, report: Any, width: int = 1440, scheme: str = "light") -> Any:
     """Open the page; `said` of the tab collects requests, errors and what the console shows."""
     tab = browser.new_page(viewport={"width": width, "height": 800}, color_scheme=scheme)
@@ -76,11 +93,37 @@ def test_the_page_is_quiet_asks_for_nothing_and_never_scrolls_sideways(
     tab.close()
 
 
+@pytest.mark.parametrize("name", ["solver", "class"])
+@pytest.mark.parametrize(("width", "scheme"), [(375, "dark"), (1440, "light")])
+def test_the_pages_of_grades_are_quiet_and_as_wide_as_their_window(
+    browser, grades, name, width, scheme
+):
+    tab, said = opened(browser, grades[name], width, scheme)
+    tab.evaluate("document.querySelectorAll('details').forEach(each => each.open = true)")
+    assert tab.evaluate("document.documentElement.scrollWidth") == width
+    assert said == [grades[name].as_uri()]
+    assert cut_off(tab) == []
+    tab.close()
+
+
+def test_on_paper_poses_stay_folded(browser, grades):
+    tab, _ = opened(browser, grades["solver"])
+    tab.emulate_media(media="print")
+    assert not tab.locator("details.poses").first.is_visible()
+    tab.close()
+
+
 def test_nothing_a_plot_writes_is_cut_off(browser, report):
     """Every text lies within its drawing, in the fonts that the browser has."""
     tab, _ = opened(browser, report)
     tab.evaluate("document.querySelectorAll('details').forEach(each => each.open = true)")
-    cut = tab.evaluate(
+    assert cut_off(tab) == []
+    tab.close()
+
+
+def cut_off(tab: Any) -> list[str]:
+    """Return the texts of drawings that do not lie within them."""
+    found: list[str] = tab.evaluate(
         "[...document.querySelectorAll('figure svg')].flatMap(svg => {"
         "const frame = svg.getBoundingClientRect();"
         "return [...svg.querySelectorAll('text')].filter(text => {"
@@ -89,8 +132,7 @@ def test_nothing_a_plot_writes_is_cut_off(browser, report):
         "|| box.top < frame.top - 1 || box.bottom > frame.bottom + 1"
         "}).map(text => text.textContent)})"
     )
-    assert cut == []
-    tab.close()
+    return found
 
 
 def test_a_link_in_the_table_opens_the_cycle(browser, report):

@@ -16,7 +16,7 @@ from kr210_sim.grading.grade import GradeConfig, checksum, grade
 from kr210_sim.grading.page import class_page, grade_page
 from kr210_sim.grading.report import COLUMNS, class_row
 from kr210_sim.grading.source import SolverSource
-from kr210_sim.results import write_json
+from kr210_sim.results import write_json, write_text
 from kr210_sim.workers import Loss, share_out
 
 GRADE = "grade.json"
@@ -118,7 +118,7 @@ def grade_item(config: GradeConfig, item: Item) -> dict[str, Any]:
 def write_grade(folder: Path, content: dict[str, Any]) -> None:
     """Write the files of a grade; the JSON is the last, so that it stands for all of them."""
     folder.mkdir(parents=True, exist_ok=True)
-    (folder / PAGES[0]).write_text(grade_page(content), encoding="utf-8")
+    write_text(folder / PAGES[0], grade_page(content))
     write_json(folder / GRADE, content)
 
 
@@ -185,15 +185,22 @@ def _lost(item: Item, config: GradeConfig, cause: str) -> dict[str, Any]:
     }
 
 
-def write_class(out: Path, contents: Sequence[dict[str, Any]]) -> None:
-    """Write the list of a class as CSV and as a page."""
+def write_class(out: Path, contents: Sequence[dict[str, Any]], *, total: int, command: str) -> None:
+    """Write the list of a class as CSV and as a page.
+
+    Args:
+        out: folder of the results.
+        contents: the grades that there are, in order.
+        total: how many solvers the class has.
+        command: that goes on with it.
+    """
     part = out / (CLASS + ".part")
     with part.open("w", encoding="utf-8", newline="") as file:
         table = csv.DictWriter(file, COLUMNS)
         table.writeheader()
         table.writerows(_safe(class_row(content)) for content in contents)
     part.replace(out / CLASS)
-    (out / PAGES[1]).write_text(class_page(contents), encoding="utf-8")
+    write_text(out / PAGES[1], class_page(contents, total=total, command=command))
 
 
 def _safe(row: dict[str, Any]) -> dict[str, Any]:

@@ -63,6 +63,7 @@ def diagnose(
     probes: tuple[Array, Array] | None = None,
     arm: ik.Arm = ik.KR210,
     frame: str = FRAMES[0],
+    names: Sequence[str] | None = None,
 ) -> list[Diagnosis]:
     """Name the smallest set of known mistakes that explains the answers.
 
@@ -73,6 +74,7 @@ def diagnose(
         probes: T_base_palm (M, 4, 4) and answers (M, 6) of poses that were asked one by one.
         arm: the right geometry, its tool at gripper_link.
         frame: whose poses the solver was sent; T_base_palm is that of gripper_link all the same.
+        names: of the legs, for the reader.
 
     Returns:
         No diagnosis where every answer is right, within limits, and none takes a needless step.
@@ -86,7 +88,18 @@ def diagnose(
     found = [_told(mistake, explained, scaled, largest) for mistake in explained.made]
     found += _behind(explained, poses, answered)
     angles = [(leg[1], undone(explained.scale * leg[2], explained.arm or ())) for leg in legs]
-    found += _steps(arm, lower, upper, angles, {item.key for item in found})
+    steps = [
+        step
+        for index, (q_start, q) in enumerate(angles)
+        for step in needless_steps(arm, lower, upper, q_start, q, leg=index)
+    ]
+    names = names or [f"leg {index}" for index in range(len(legs))]
+    known = {item.key for item in found}
+    found += [
+        item
+        for item in _steps(steps, sum(len(q) for _, q in angles), names)
+        if item.key not in known
+    ]
     if not (explained.arm or explained.wrist):  # else it may follow from them
         found += _limits(lower, upper, [q for _, q in angles])
     found += _unexplained(explained, scaled)
@@ -140,10 +153,11 @@ def _evidence(what: str, before: Array, after: Array, tolerance: float, unit: st
     wrong, right = before[before > tolerance], after[after <= tolerance]
     away = int(np.isnan(after).sum())
     return (
-        f"otherwise the {what} is off by {np.median(wrong) if len(wrong) else 0.0:.3g} {unit} "
-        f"(median) in {len(wrong)} of {len(before)} answers, with that it is right to "
-        f"{max(np.median(right), 1e-15):.0e} {unit} in {len(right)}"
+        f"with that the {what} is right to {max(np.median(right), 1e-15):.0e} {unit} in "
+        f"{len(right)} of {len(before)} answers"
         + (f" and out of reach in {away}" if away else "")
+        + f", without it is off by {np.median(wrong) if len(wrong) else 0.0:.3g} {unit} (median) "
+        f"in {len(wrong)}"
     )
 
 
@@ -178,26 +192,17 @@ _STEP_TEXTS = {
 }
 
 
-def _steps(
-    arm: ik.Arm,
-    lower: Array,
-    upper: Array,
-    legs: Sequence[tuple[Array, Array]],
-    known: set[str],
-) -> list[Diagnosis]:
-    """Return diagnoses of needless steps, from q_start (6,) and angles (N, 6) of each leg."""
-    steps: list[Step] = []
-    for index, (q_start, q) in enumerate(legs):
-        steps += needless_steps(arm, lower, upper, q_start, q, leg=index)
+def _steps(steps: Sequence[Step], count: int, names: Sequence[str]) -> list[Diagnosis]:
+    """Return diagnoses of needless steps, out of count, in legs of these names."""
     found = []
     for kind, text in _STEP_TEXTS.items():
         of_kind = [step for step in steps if step.kind == kind]
-        if of_kind and kind not in known:
+        if of_kind:
             worst = max(of_kind, key=lambda step: step.moved - step.needed)
             evidence = (
-                f"{len(of_kind)} of {sum(len(q) for _, q in legs)} steps; most at pose "
-                f"{worst.pose} of leg {worst.leg}, where joint {worst.joint} moves "
-                f"{worst.moved:.2f} rad and {worst.needed:.2f} rad would do"
+                f"{len(of_kind)} of {count} steps; most at pose {worst.pose} of "
+                f"{names[worst.leg]}, where joint {worst.joint} moves {worst.moved:.2f} rad and "
+                f"{worst.needed:.2f} rad would do"
             )
             found.append(Diagnosis(key=kind, text=f"{text}: {evidence}."))
     return found

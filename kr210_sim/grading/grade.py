@@ -24,6 +24,7 @@ from kr210_sim.grading.foreign import Asked, ForeignSolver
 from kr210_sim.grading.poses import Leg, LegMarks, mark_leg, rows_of, summarize_marks
 from kr210_sim.grading.source import FRAMES, SCOPES, SolverLimits, SolverSource
 from kr210_sim.limits import MotionLimits
+from kr210_sim.record import stage_label
 from kr210_sim.robot import Robot
 from kr210_sim.scene import Scene
 from kr210_sim.stats import success_interval
@@ -219,6 +220,9 @@ class _Grading:
             return
         first = answered[0]
         again = self.solver.ask(first.T_base_palm, first.q_start)
+        if again.finding is not None and again.finding.kind in ("timeout", "not_tried"):
+            self._findings.append(again.finding)
+            return
         if again.finding is not None:
             apart = again.finding.detail
         else:
@@ -257,6 +261,7 @@ class _Grading:
             "schema_version": 1,
             "version": __version__,
             "name": source.name,
+            "solver": source.text,
             "sha256": checksum(source),
             "options": config.as_json(),
             **self._about,
@@ -271,6 +276,7 @@ class _Grading:
             "diagnoses": self._diagnoses(evidence),
             "figures": summarize_marks(marks),
             "probes": self._probes(robot),
+            "limits_rad": {"lower": robot.lower.tolist(), "upper": robot.upper.tolist()},
             "results": self._cycles,
             "output": self.solver.output.decode("utf-8", "replace"),
             "output_bytes": self.solver.output_bytes,
@@ -289,6 +295,11 @@ class _Grading:
             probes=(evidence.probe_poses, evidence.probe_answers),
             arm=robot.geometry,
             frame=self._config.frame,
+            names=[
+                f"cycle {leg.cycle}, {stage_label(leg.stage)}"
+                for leg in self._legs
+                if len(leg.asked.q)
+            ],
         )
         return [diagnosis.as_json() for diagnosis in found]
 

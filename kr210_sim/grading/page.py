@@ -1,123 +1,186 @@
-"""Grades as pages of HTML that need nothing else: no script, no network, every text escaped."""
+"""Grades as pages of HTML in the look of a run's report: one of a solver, one of a class."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
-from html import escape
+import shlex
+from collections import Counter
+from collections.abc import Iterable, Mapping, Sequence
+from itertools import groupby
 from typing import Any
+from urllib.parse import quote
 
-from kr210_sim.grading.report import COLUMNS, class_row, grade_text
+from kr210_sim.grading.advice import advice
+from kr210_sim.grading.findings import Finding
+from kr210_sim.grading.grade import GradeConfig
+from kr210_sim.grading.report import (
+    asked_text,
+    class_row,
+    cycles_asked_for,
+    title_and_evidence,
+    titles,
+)
+from kr210_sim.plots.grade_plots import Pose, answers_plot, standout_plot
+from kr210_sim.plots.theme import Plot
+from kr210_sim.report.page import proof
+from kr210_sim.report.templating import number, render
 
-_STYLE = """
-body { font: 15px/1.5 system-ui, sans-serif; margin: 2rem auto; max-width: 70rem; color: #222; }
-table { border-collapse: collapse; } td, th { padding: .2rem .7rem; text-align: left; }
-tr:nth-child(even) { background: #f3f3f3; } pre { background: #f3f3f3; padding: 1rem; }
-pre { white-space: pre-wrap; } .passed { color: #167a32; } .failed { color: #b3261e; }
-"""
+MOST_CYCLES = 12
+"""Cycles whose poses are shown one by one; failures first."""
 
-_WIDTH, _HEIGHT, _LEFT = 900, 260, 70  # of the plot [px]
-_LOWEST, _HIGHEST = -16, 1  # decades of the plot
+_SPREADS = (
+    ("position_error_m", "end-effector offset, position", "m", 1.0),
+    ("angle_error_rad", "end-effector offset, angle", "rad", 1.0),
+    ("wrist_center_error_m", "wrist-center offset", "m", 1.0),
+    ("seconds_per_pose", "time per pose (wall clock)", "ms", 1e3),
+)
+"""Key of the figures, label, unit and scale."""
+
+_COLUMNS = ("mean", "p95", "max")
+
+_OPTIONS = {"cycles": "--cycles", "seed": "--seed", "scope": "--ik-scope", "frame": "--frame"}
+_LIMITS = {"pose_timeout": "--pose-timeout", "time_limit": "--time-limit"}
 
 
 def grade_page(content: Mapping[str, Any]) -> str:
-    """Return the page of one solver."""
-    cycles = [
-        [
-            line["cycle"],
-            line["cell"],
-            "success" if line["success"] else line["reason"],
-            line["detail"] or "",
-            "-" if line["cycle_time_s"] is None else f"{line['cycle_time_s']:.2f} s",
-        ]
-        for line in content["results"]
+    """Return the page of one solver, from its `grade.json`."""
+    poses = _shown_poses(content)
+    figures = content["figures"]
+    return render(
+        "grade.html.j2",
+        grade=content,
+        kind="good" if content["passed"] else "bad",
+        proof=proof(content) if content["results"] else "",
+        asked_for=cycles_asked_for(content),
+        asked=asked_text(content),
+        notes=list(_notes(content)),
+        plots=_plots(poses, content["limits_rad"]),
+        columns=_COLUMNS,
+        spreads=[
+            (
+                label,
+                unit,
+                [number(figures[key][column], scale) for column in ("mean", "p95", "max")],
+            )
+            for key, label, unit, scale in _SPREADS
+        ],
+        counts=list(_counts(content)) if figures["answered"] else [],
+        legs=_legs(poses),
+        offset=lambda vector: math.hypot(*vector),
+        left_out=len(content["poses"]) - len(poses),
+        command=grade_command([content["solver"]], content["options"]),
+        options=option_rows(content["options"]),
+        isolation=[(*item, False) for item in sorted(content.get("isolation", {}).items())],
+    )
+
+
+def class_page(contents: Sequence[Mapping[str, Any]], *, total: int, command: str) -> str:
+    """Return the page of a class.
+
+    Args:
+        contents: the grades that there are, in order.
+        total: how many solvers the class has.
+        command: that goes on with it, or repeats it.
+    """
+    passed = sum(bool(content["passed"]) for content in contents)
+    mistakes, findings = (
+        Counter(name for content in contents for name in {item[key] for item in content[part]})
+        for part, key in (("diagnoses", "key"), ("findings", "kind"))
+    )
+    return render(
+        "class.html.j2",
+        rows=[(class_row(content), _link(content), titles(content)) for content in contents],
+        passed=passed,
+        total=total,
+        kind="good" if passed == total else "warn" if passed or len(contents) < total else "bad",
+        mistakes=[(key, count, advice(key)) for key, count in mistakes.most_common()],
+        findings=findings.most_common(),
+        command=command,
+    )
+
+
+def grade_command(solvers: Sequence[str], options: Mapping[str, Any]) -> str:
+    """Return the command line that grades solvers with the options of a `grade.json`."""
+    words = ["kr210-sim", "grade", *solvers]
+    for name, value, changed in option_rows(options):
+        if changed:
+            words += [name, value]
+    return shlex.join(words)
+
+
+def option_rows(options: Mapping[str, Any]) -> list[tuple[str, str, bool]]:
+    """Return name and value of the options, and whether each is another than the default."""
+    values = {_OPTIONS[key]: options[key] for key in _OPTIONS}
+    values |= {_LIMITS[key]: options["limits"][key] for key in _LIMITS}
+    default = GradeConfig()
+    usual = {_OPTIONS[key]: getattr(default, key) for key in _OPTIONS}
+    usual |= {_LIMITS[key]: getattr(default.limits, key) for key in _LIMITS}
+    return [(name, str(value), value != usual[name]) for name, value in values.items()]
+
+
+# ---- of one solver ---------------------------------------------------------------------------
+
+
+def _notes(content: Mapping[str, Any]) -> Iterable[dict[str, Any]]:
+    """Yield what is wrong and what to do: findings, then diagnoses."""
+    for item in content["findings"]:
+        finding = Finding.from_json(item)
+        where = f"Line {finding.line} of {content['name']}: " if finding.line else ""
+        yield {
+            "kind": "bad",
+            "title": f"{where}{finding.detail}",
+            "text": "" if finding.pose is None else f"At pose {finding.pose} of the request.",
+            "code": (finding.source or "").strip(),
+            "advice": None,
+        }
+    for diagnosis in content["diagnoses"]:
+        title, evidence = title_and_evidence(diagnosis["text"])
+        yield {
+            "kind": "warn" if content["passed"] else "bad",
+            "title": title,
+            "text": evidence,
+            "code": "",
+            "advice": advice(diagnosis["key"]),
+        }
+
+
+def _plots(poses: Sequence[Pose], limits: Mapping[str, Any]) -> list[Plot]:
+    if not any(pose["q_rad"] for pose in poses):
+        return []
+    return [standout_plot(poses), answers_plot(poses, limits["lower"], limits["upper"])]
+
+
+def _counts(content: Mapping[str, Any]) -> Iterable[tuple[str, str, str]]:
+    """Yield label, what was found and the best there is."""
+    figures, probes = content["figures"], content["probes"]
+    yield "poses answered in time", str(figures["answered"]), str(figures["asked"])
+    yield "random poses within 1 mm", str(probes["within_1_mm"]), str(probes["asked"])
+    yield "answers beyond joint limits", str(figures["beyond_limits"]), "0"
+    yield "branch jumps that the best path does not make", str(figures["branch_jumps"]), "0"
+    yield "whole turns between neighbours", str(figures["turns"]), "0"
+    way, least = figures["wrist_travel_rad"], figures["wrist_travel_optimum_rad"]
+    yield "way of axes 4 to 6 [rad]", number(way), number(least)
+
+
+def _shown_poses(content: Mapping[str, Any]) -> list[Pose]:
+    """Return the poses of the cycles that are shown one by one, in order."""
+    order = sorted(content["results"], key=lambda line: (line["success"], line["cycle"]))
+    chosen = {line["cycle"] for line in order[:MOST_CYCLES]}
+    return [pose for pose in content["poses"] if pose["cycle"] in chosen]
+
+
+def _legs(poses: Sequence[Pose]) -> list[tuple[tuple[int, str], list[Pose]]]:
+    """Return cycle, stage and poses of each request that was answered at all."""
+    legs = [
+        (key, list(rows))
+        for key, rows in groupby(poses, lambda pose: (pose["cycle"], pose["stage"]))
     ]
-    parts = [
-        f"<pre>{escape(grade_text(content))}</pre>",
-        "<h2>End-effector offset</h2>",
-        "<p>Distance of the gripper at the answered angles from the requested position, pose by "
-        "pose [m].</p>",
-        _plot(content["poses"]),
-        "<h2>Cycles</h2>",
-        _table(("cycle", "cell", "verdict", "why", "time"), cycles),
-        "<h2>Isolation</h2>",
-        _table(("what", "kept away by"), [list(item) for item in _isolation(content)]),
-    ]
-    if content["output"]:
-        parts += ["<h2>Printed</h2>", f"<pre>{escape(content['output'])}</pre>"]
-    return _page(str(content["name"]), bool(content["passed"]), parts)
+    return [(key, rows) for key, rows in legs if any(row["q_rad"] for row in rows)]
 
 
-def class_page(contents: Sequence[Mapping[str, Any]]) -> str:
-    """Return the page of a class."""
-    rows = [class_row(content) for content in contents]
-    passed = sum(bool(row["passed"]) for row in rows)
-    cells = [[_shown(row[name]) for name in COLUMNS] for row in rows]
-    return _page(
-        f"{passed} of {len(rows)} solvers passed", passed == len(rows), [_table(COLUMNS, cells)]
-    )
+# ---- of a class ------------------------------------------------------------------------------
 
 
-def _isolation(content: Mapping[str, Any]) -> list[tuple[str, str]]:
-    return sorted(content.get("isolation", {}).items())
-
-
-def _shown(value: Any) -> str:
-    if value is None:
-        return "-"
-    if isinstance(value, bool):
-        return "yes" if value else "no"
-    return f"{value:.3g}" if isinstance(value, float) else str(value)
-
-
-def _page(title: str, passed: bool, parts: Sequence[str]) -> str:
-    kind = "passed" if passed else "failed"
-    return "\n".join(
-        [
-            "<!doctype html>",
-            f'<html lang="en"><head><meta charset="utf-8"><title>{escape(title)}</title>',
-            f"<style>{_STYLE}</style></head><body>",
-            f'<h1 class="{kind}">{escape(title)}</h1>',
-            *parts,
-            "</body></html>\n",
-        ]
-    )
-
-
-def _table(names: Sequence[str], rows: Sequence[Sequence[Any]]) -> str:
-    head = "".join(f"<th>{escape(name)}</th>" for name in names)
-    body = "\n".join(
-        "<tr>" + "".join(f"<td>{escape(str(value))}</td>" for value in row) + "</tr>"
-        for row in rows
-    )
-    return f"<table><tr>{head}</tr>\n{body}</table>"
-
-
-def _plot(poses: Sequence[Mapping[str, Any]]) -> str:
-    """Return the offsets over the poses as a drawing; a pose without an answer is a mark below."""
-    decades = _HIGHEST - _LOWEST
-    lines = [
-        f'<svg viewBox="0 0 {_WIDTH} {_HEIGHT + 30}" width="100%" role="img">',
-        f'<rect x="{_LEFT}" y="0" width="{_WIDTH - _LEFT}" height="{_HEIGHT}" fill="#f3f3f3"/>',
-    ]
-    for decade in range(_LOWEST, _HIGHEST + 1, 3):
-        y = _HEIGHT * (_HIGHEST - decade) / decades
-        lines.append(
-            f'<path d="M{_LEFT} {y:.1f}H{_WIDTH}" stroke="#ccc"/>'
-            f'<text x="4" y="{min(y + 5, _HEIGHT):.1f}" font-size="13">1e{decade} m</text>'
-        )
-    for index, pose in enumerate(poses):
-        x = _LEFT + (index + 0.5) * (_WIDTH - _LEFT) / max(1, len(poses))
-        if pose["q_rad"] is None:
-            lines.append(f'<path d="M{x:.1f} {_HEIGHT + 4}v10" stroke="#b3261e"/>')
-            continue
-        offset = math.hypot(*pose["position_error_m"])
-        height = max(_LOWEST, min(_HIGHEST, math.log10(offset) if offset > 0 else _LOWEST))
-        y = _HEIGHT * (_HIGHEST - height) / decades
-        colour = "#167a32" if offset < 1e-3 else "#b3261e"
-        lines.append(f'<circle cx="{x:.1f}" cy="{y:.1f}" r="2" fill="{colour}"/>')
-    lines.append(
-        f'<text x="{_LEFT}" y="{_HEIGHT + 26}" font-size="13">{len(poses)} poses, in the order in '
-        "which they were asked for</text></svg>"
-    )
-    return "\n".join(lines)
+def _link(content: Mapping[str, Any]) -> str:
+    """Return where the page of a solver is, beside that of the class."""
+    return quote(f"{content['name'].replace('/', '__')}/grade.html")

@@ -259,7 +259,7 @@ class SolverProcess:
             self.seconds_left -= time.monotonic() - begun
         line_number = self._where()
         limit = "pose-timeout" if share == allowed else "time-limit"
-        detail = f"no answer to {what} within {share:.3g} s (--{limit})"
+        detail = f"no answer to {what} within {max(0.0, share):.3g} s (--{limit})"
         raise self._lost(detail, kind="timeout", line=line_number)
 
     def _parsed(self, line: bytes) -> dict[str, Any]:

@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from typing import Any
 
+from kr210_sim.grading.advice import advice
 from kr210_sim.grading.findings import Finding
 
 _FINDINGS_SHOWN = 12
+
+_FORMS = {"poses": "a list of poses", "pose": "one pose", "request": "one of the course's requests"}
+_SCOPES = {"course": "for the two planned legs", "all": "for planned and straight legs"}
 
 COLUMNS = (
     "name", "succeeded", "cycles", "passed", "answered", "asked", "offset_max_m", "angle_max_rad",
@@ -20,26 +25,40 @@ def verdict_text(content: Mapping[str, Any]) -> str:
     """Return the verdict in one line."""
     low, high = content["ci95"]
     verdict = "passed" if content["passed"] else "not passed"
-    needed = content["pass_rate"] * content["cycles"]
     return (
         f"{content['name']}: {content['succeeded']} of {content['cycles']} cycles succeeded, "
-        f"{verdict} ({needed:g} asked for; 95 % interval {100 * low:.1f} to {100 * high:.1f} %)"
+        f"{verdict} ({cycles_asked_for(content)} asked for; 95 % interval {100 * low:.1f} to "
+        f"{100 * high:.1f} %)"
+    )
+
+
+def cycles_asked_for(content: Mapping[str, Any]) -> int:
+    """Return the least number of successful cycles with which a solver passes."""
+    least: float = content["pass_rate"] * content["cycles"]
+    return math.ceil(least - 1e-9)
+
+
+def asked_text(content: Mapping[str, Any]) -> str:
+    """Return how a solver was asked and for what, or nothing if it could not be loaded."""
+    if "form" not in content:
+        return ""
+    form, options = content["form"], content["options"]
+    return (
+        f"{_FORMS.get(form, '?')} at a time, poses of {options['frame']}, "
+        f"{_SCOPES[options['scope']]}; {content['language']}"
     )
 
 
 def grade_text(content: Mapping[str, Any]) -> str:
     """Return the report of a grade."""
     lines = [verdict_text(content)]
-    if "form" in content:
-        form = {"poses": "a list of poses", "pose": "one pose", "request": "the course's request"}
-        options = content["options"]
-        lines.append(
-            f"asked          {form.get(content['form'], '?')} at a time, {content['language']}, "
-            f"poses of {options['frame']}; {_scope(options['scope'])}"
-        )
+    if asked := asked_text(content):
+        lines.append(f"asked          {asked}")
     lines += _findings(content)
     for diagnosis in content["diagnoses"]:
-        lines.append(f"diagnosis      {diagnosis['text']} See {diagnosis['page']}")
+        lines.append(f"diagnosis      {diagnosis['text']}")
+        told = advice(diagnosis["key"])
+        lines.append(f"what to do     {told.do if told else ''} ({diagnosis['page']})")
     if content["unsolved"]:
         lines.append(
             "unsolved       every pose got the same answer: fill the template in, step by step; "
@@ -58,11 +77,6 @@ def grade_text(content: Mapping[str, Any]) -> str:
     if content["output_bytes"]:
         lines.append(f"printed        {content['output_bytes']} bytes; the beginning is kept")
     return "\n".join(lines)
-
-
-def _scope(scope: str) -> str:
-    legs = "the two planned legs" if scope == "course" else "planned and straight legs"
-    return f"for {legs}"
 
 
 def _findings(content: Mapping[str, Any]) -> list[str]:
@@ -104,14 +118,25 @@ def _time(seconds: float | None) -> str:
     return "below 1 us"
 
 
+def title_and_evidence(text: str) -> tuple[str, str]:
+    """Return the two halves of the sentence of a diagnosis; some have no second one."""
+    title, _, evidence = text.partition(": ")
+    return title.rstrip("."), evidence[:1].upper() + evidence[1:]
+
+
+def titles(content: Mapping[str, Any]) -> list[str]:
+    """Return what is wrong with a solver, a clause each."""
+    found = [Finding.from_json(item).text(content["name"]) for item in content["findings"]]
+    found += ["Unsolved: every pose got the same answer"] if content.get("unsolved") else []
+    return found + [title_and_evidence(item["text"])[0] for item in content["diagnoses"]]
+
+
 # ---- a class ---------------------------------------------------------------------------------
 
 
 def class_row(content: Mapping[str, Any]) -> dict[str, Any]:
     """Return the row of a solver in the list of the class, by COLUMNS."""
     figures = content["figures"] or {}
-    findings = [Finding.from_json(item).text(content["name"]) for item in content["findings"]]
-    findings += [diagnosis["text"] for diagnosis in content["diagnoses"]]
     return {
         "name": content["name"],
         "succeeded": content["succeeded"],
@@ -125,7 +150,7 @@ def class_row(content: Mapping[str, Any]) -> dict[str, Any]:
         "branch_jumps": figures.get("branch_jumps"),
         "turns": figures.get("turns"),
         "beyond_limits": figures.get("beyond_limits"),
-        "finding": findings[0] if findings else None,
+        "finding": "; ".join(titles(content)) or None,
     }
 
 

@@ -37,6 +37,17 @@ class SolverSource:
         """What a reader calls it."""
         return self.file.name if self.file is not None else str(self.module)
 
+    @property
+    def text(self) -> str:
+        """What names it on a command line, from the folder where we are."""
+        if self.file is None:
+            where = str(self.module)
+        elif self.file.is_relative_to(Path.cwd()):
+            where = str(self.file.relative_to(Path.cwd()))
+        else:
+            where = str(self.file)
+        return f"{where}:{self.function}" if self.function else where
+
     @classmethod
     def from_file(cls, path: Path, function: str | None = None) -> SolverSource:
         """Return the source for a file that exists.

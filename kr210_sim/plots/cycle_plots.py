@@ -22,8 +22,8 @@ from kr210_sim.plots.theme import (
     new_figure,
     render,
     stage_ink,
-    stage_label,
 )  # fmt: skip
+from kr210_sim.record import stage_label
 
 _LABEL_PITCH = 0.155
 """Least distance of the slanted stage names [inch]."""

@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from kr210_sim.arrays import Array
+from kr210_sim.record import stage_label
 
 ARM_JOINTS = 6
 
@@ -111,7 +112,7 @@ class Recorded:
         found = self.failure
         if found is None:
             return ""
-        stage = found.stage.lower().replace("_", " ")
+        stage = stage_label(found.stage)
         return f"cycle {self.cycle} failed at {found.time:.2f} s in {stage}: {found.reason}"
 
     @cached_property

@@ -3,27 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
 
+from kr210_sim.plots.offsets import draw_offsets
 from kr210_sim.plots.recorded import Recorded
 from kr210_sim.plots.theme import (
     SMALL,
     Plot,
     drawing,
     ink,
-    limit_line,
     new_figure,
     render,
     stage_ink,
-    stage_label,
 )  # fmt: skip
-from kr210_sim.record import STAGES
-
-_SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
+from kr210_sim.record import STAGES, stage_label
 
 _ROUNDING = 1e-13
 """Offsets [m, rad] below this are rounding of double precision and nothing else."""
@@ -43,79 +38,29 @@ def offset_plot(cycles: Sequence[Recorded], gate: float | None) -> Plot | None:
         label: [np.asarray(cycle.record.get(name, ()), dtype=float) for cycle in cycles]
         for name, label in (("ik_offset_m", "position [m]"), ("ik_offset_rad", "angle [rad]"))
     }
-    counts = [len(values) for values in offsets["position [m]"]]
-    ends = np.cumsum([0, *counts])
-    if not ends[-1]:
+    count = sum(map(len, offsets["position [m]"]))
+    if not count:
         return None
-    with drawing():
-        figure = new_figure(4.3, left=0.78, top=0.34)
-        axes = figure.subplots(2, 1, sharex=True)
-        for axis, (label, values) in zip(axes, offsets.items(), strict=True):
-            _draw_offsets(axis, np.concatenate(values), gate if label.startswith("pos") else None)
-            axis.set(ylabel=label, xlim=(0, ends[-1] + 1))
-            for number in range(1, len(cycles), 2):
-                axis.axvspan(
-                    ends[number] + 0.5,
-                    ends[number + 1] + 0.5,
-                    color=ink("soft"),
-                    alpha=0.12,
-                    linewidth=0,
-                )
-        for cycle, start, count in zip(cycles, ends, counts, strict=False):
-            if count:
-                axes[0].text(
-                    start + count / 2,
-                    1.03,
-                    str(cycle.cycle),
-                    fontsize=SMALL,
-                    ha="center",
-                    transform=axes[0].get_xaxis_transform(),
-                )
-        axes[0].text(-0.01, 1.03, "cycle", fontsize=SMALL, ha="right", transform=axes[0].transAxes)
-        axes[1].set_xlabel("planned point, in the order of the plan")
-        svg = render(figure, "offsets")
+    svg = draw_offsets(
+        "offsets",
+        offsets,
+        [cycle.cycle for cycle in cycles],
+        lines={"position [m]": (gate, "gate")} if gate else {},
+        xlabel="planned point, in the order of the plan",
+    )
     worst = {label: float(np.max(np.concatenate(values))) for label, values in offsets.items()}
     most = f"at most {worst['position [m]']:.1e} m and {worst['angle [rad]']:.1e} rad"
     rounding = max(worst.values()) < _ROUNDING
     return Plot(
         name="offsets",
         title="End-effector offset per planned point",
-        alt=f"Offset of {ends[-1]} planned points of {len(cycles)} cycles, {most}.",
-        caption=f"{ends[-1]} points, {most}: MuJoCo's own TCP pose at the angles the IK answered "
+        alt=f"Offset of {count} planned points of {len(cycles)} cycles, {most}.",
+        caption=f"{count} points, {most}: MuJoCo's own TCP pose at the angles the IK answered "
         "against the requested pose."
         + (" That is the rounding of double precision." if rounding else "")
         + " Triangles at the lower edge are exact zeros.",
         svg=svg,
     )
-
-
-def _draw_offsets(axis: Axes, values: Any, gate: float | None) -> None:
-    """Draw values on a logarithmic axis, zeros at its lower edge."""
-    index = np.arange(1, len(values) + 1)
-    zero = values <= 0
-    axis.set_yscale("log")
-    known = [*values[~zero], *([gate] if gate else [])]
-    low, high = (min(known) / 2, max(known) * 2.5) if known else (1e-17, 1e-15)
-    axis.set_ylim(low, high)
-    axis.plot(index[~zero], values[~zero], ".", markersize=3.2, color=ink("line-1"))
-    axis.plot(
-        index[zero],
-        np.full(zero.sum(), low),
-        "^",
-        markersize=3.6,
-        color=ink("line-2"),
-        clip_on=False,
-    )
-    if gate:
-        limit_line(axis, gate, "gate", above=False)
-    axis.yaxis.set_major_locator(LogLocator(10, numticks=6))
-    axis.yaxis.set_minor_locator(NullLocator())
-    axis.yaxis.set_major_formatter(FuncFormatter(lambda value, _: _power(value)))
-    axis.grid(axis="y")
-
-
-def _power(value: float) -> str:
-    return "10" + str(round(np.log10(value))).translate(_SUPERSCRIPTS) if value > 0 else "0"
 
 
 def stage_plot(cycles: Sequence[Recorded]) -> Plot:

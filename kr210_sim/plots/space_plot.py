@@ -20,8 +20,8 @@ from kr210_sim.plots.theme import (
     new_figure,
     render,
     stage_ink,
-    stage_label,
 )  # fmt: skip
+from kr210_sim.record import stage_label
 
 _ASIDE = np.radians(-22.0)
 """The eye stands behind the robot, this far to the side of the middle between cells and

@@ -84,11 +84,6 @@ def stage_ink(stage: str) -> str:
     return ink(f"stage-{stage.lower().replace('_', '-')}")
 
 
-def stage_label(stage: str) -> str:
-    """Return a stage's name as people write it."""
-    return stage.lower().replace("_", " ")
-
-
 @dataclass(frozen=True, kw_only=True)
 class Plot:
     """A finished plot.

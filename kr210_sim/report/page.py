@@ -6,18 +6,14 @@ import shlex
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
-from jinja2 import Environment, PackageLoader, StrictUndefined
-
 from kr210_sim.config import FREE, RunConfig
 from kr210_sim.criteria import CONDITIONS
 from kr210_sim.film.format import FILM
 from kr210_sim.options import command_words, is_default
-from kr210_sim.plots.theme import COLOURS, Plot, stage_label
+from kr210_sim.plots.theme import Plot
 from kr210_sim.proof import UNDECIDED
 from kr210_sim.report.reading import MOST_OF_A_REASON, RunData
-
-DASH = "\N{EN DASH}"
-"""Stands where there is no value."""
+from kr210_sim.report.templating import DASH, number, percent, render
 
 _COLUMNS = ("mean", "p50", "p95", "p99", "max")
 
@@ -58,15 +54,8 @@ def render_page(
         plots: of the whole run.
         cycle_plots: cycle -> plots of it.
     """
-    environment = Environment(
-        loader=PackageLoader("kr210_sim.report"),
-        autoescape=True,
-        trim_blocks=True,
-        lstrip_blocks=True,
-        undefined=StrictUndefined,
-    )
-    environment.filters |= {"number": number, "percent": percent, "stage": stage_label}
-    return environment.get_template("report.html.j2").render(
+    return render(
+        "report.html.j2",
         run=run,
         summary=run.summary,
         verdict=verdict(run.summary),
@@ -83,8 +72,6 @@ def render_page(
         film=FILM if run.film else None,
         plots=plots,
         cycle_plots=cycle_plots,
-        colours=COLOURS,
-        dash=DASH,
     )
 
 
@@ -179,24 +166,3 @@ def option_rows(options: Mapping[str, Any]) -> list[tuple[str, str, bool]]:
 def repeat_command(options: Mapping[str, Any]) -> str:
     """Return the command line that runs the same cycles again, into a new folder."""
     return shlex.join(command_words(options, _NOT_AGAIN))
-
-
-def number(value: float | None, scale: float = 1.0, unit: str = "") -> str:
-    """Return a number with three significant digits and its unit, or a dash."""
-    if value is None:
-        return DASH
-    scaled = value * scale
-    text = f"{scaled:.1e}" if scaled and not 1e-3 <= abs(scaled) < 1e5 else _plain(scaled)
-    return f"{text} {unit}".rstrip()
-
-
-def _plain(value: float) -> str:
-    """Return three significant digits, all of them, without an exponent."""
-    size = abs(value)
-    digits = 0 if value == 0 or size >= 100 else 1 if size >= 10 else 2 if size >= 1 else 3
-    return f"{value:.{digits}f}".replace("-", "\N{MINUS SIGN}")
-
-
-def percent(share: float) -> str:
-    """Return a share in percent, at most one decimal."""
-    return f"{round(100 * share, 1):g} %"

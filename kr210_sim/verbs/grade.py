@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import shlex
 import sys
 import time
 from pathlib import Path
@@ -163,6 +164,7 @@ def _single(source: SolverSource, config: Any, options: argparse.Namespace) -> i
 
 def _class(paths: list[Path], config: Any, options: argparse.Namespace) -> int:
     from kr210_sim.grading.class_list import find_items, grade_class, open_folder, write_class
+    from kr210_sim.grading.page import grade_command
     from kr210_sim.grading.report import CLASS_HEADER, class_line, class_row
 
     for option, given in (("--debug-cases", options.debug_cases), ("--step", options.step)):
@@ -170,6 +172,7 @@ def _class(paths: list[Path], config: Any, options: argparse.Namespace) -> int:
             raise BadInput(f"{option}: is for one solver at a time")
     out = _out(options)
     items = find_items(paths, None, out)
+    command = f"{grade_command(options.solver, config.as_json())} {_going_on(out, options.jobs)}"
     open_folder(out, resume=options.resume)
     text = sys.stderr if options.json else sys.stdout
     done: list[dict[str, Any]] = []
@@ -179,7 +182,9 @@ def _class(paths: list[Path], config: Any, options: argparse.Namespace) -> int:
         done.append(content)
         count = f"{len(done)}/{len(items)}"
         print(f"{count:>6} {class_line(content)}", file=text, flush=True)
-        write_class(out, sorted(done, key=lambda item: item["name"]))
+        write_class(
+            out, sorted(done, key=lambda item: item["name"]), total=len(items), command=command
+        )
 
     try:
         contents = grade_class(items, config, jobs=options.jobs, on_grade=show)
@@ -194,6 +199,11 @@ def _class(paths: list[Path], config: Any, options: argparse.Namespace) -> int:
         rows = [class_row(content) for content in contents]
         print(json.dumps(rows, indent=2, allow_nan=False))
     return EXIT_PASSED if passed == len(contents) else EXIT_GATE
+
+
+def _going_on(out: Path, jobs: int) -> str:
+    """Return the options of the command that goes on with a class."""
+    return shlex.join([*(["--jobs", str(jobs)] if jobs > 1 else []), "--out", str(out), "--resume"])
 
 
 def _out(options: argparse.Namespace) -> Path:
