@@ -8,7 +8,8 @@ import tempfile
 from pathlib import Path
 from typing import Any
 
-sys.path.pop(0)  # this folder has an ik.py of its own
+if __name__ == "__main__":
+    sys.path.pop(0)  # this folder has an ik.py of its own
 
 from kr210_sim.config import SOLVERS, RunConfig
 from kr210_sim.runner import run
@@ -20,13 +21,21 @@ def main() -> None:
     parser.add_argument("--cycles", type=int, default=10)
     parser.add_argument("--seed", type=int, default=0)
     options = parser.parse_args()
+    print_table(summaries_of(options.cycles, options.seed))
+
+
+def summaries_of(cycles: int, seed: int) -> dict[str, dict[str, Any]]:
+    """Return the summary of a run with each solver."""
     summaries: dict[str, dict[str, Any]] = {}
     for name in SOLVERS:
         with tempfile.TemporaryDirectory() as folder:
-            config = RunConfig(
-                cycles=options.cycles, seed=options.seed, ik=name, out=Path(folder) / "run"
-            )
+            config = RunConfig(cycles=cycles, seed=seed, ik=name, out=Path(folder) / "run")
             summaries[name] = run(config)[1]
+    return summaries
+
+
+def print_table(summaries: dict[str, dict[str, Any]]) -> None:
+    """Print a column for each solver."""
     print("| | " + " | ".join(SOLVERS) + " |\n|---|" + "---|" * len(SOLVERS))
     for label, read in (
         ("cycles succeeded", lambda s: f"{s['succeeded']} of {s['cycles']}"),

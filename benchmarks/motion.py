@@ -5,14 +5,15 @@ from __future__ import annotations
 import argparse
 import sys
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import groupby, pairwise
 from typing import Any
 
 import numpy as np
 
-sys.path.pop(0)  # this folder has an ik.py of its own
+if __name__ == "__main__":
+    sys.path.pop(0)  # this folder has an ik.py of its own
 
 import ik
 from kr210_sim.clearance import least_clearance
@@ -87,17 +88,22 @@ def main() -> None:
     print_tables(groups, failures)
 
 
-def default_cycles(scene: Scene, setup: CycleSetup, count: int) -> Iterator[Row]:
-    """Yield the cycles of the default run, planned in the world as it is when each begins."""
+def default_cycles(
+    scene: Scene, setup: CycleSetup, count: int, of: Callable[..., Any] | None = None
+) -> Iterator[Any]:
+    """Yield `of` (by default `measure`) for the cycles of the default run.
+
+    Each is planned in the world as it is when it begins.
+    """
     if count < 1:
         return
     config = RunConfig(cycles=count, seed=setup.seed)
-    rows: list[Row] = []
+    look, rows = of or measure, list[Any]()
 
     def plan(simulation: Simulation, stage: str, now: float) -> None:
         if now == 0.0:
             target = list(simulation.targets.values())[-1]
-            rows.append(measure(f"cycle {len(rows)}", simulation, target, setup, None))
+            rows.append(look(f"cycle {len(rows)}", simulation, target, setup, None))
 
     for episode in plan_episodes(config, scene):
         for _ in run_episode(scene, episode, mass=config.mass, limits=setup.limits, probe=plan):
@@ -198,8 +204,10 @@ def toppra_time(trajectory: Trajectory, limits: MotionLimits) -> float:
     return float(np.sum(2 * np.diff(grid) / (speed[1:] + speed[:-1])))
 
 
-def course_time(motion: Motion, robot: Robot, limits: MotionLimits) -> float:
-    """Return the time of stopping at every pose, at 0.2 of velocity, acceleration and jerk [s]."""
+def course_time(
+    motion: Motion, robot: Robot, limits: MotionLimits, share: float = COURSE_SHARE
+) -> float:
+    """Return the time of stopping at every pose, at a share of all limits [s]."""
     total = 0.0
     for leg in motion:
         p = robot.forward(leg.path(np.linspace(0.0, leg.path.length, 200)))[:, :3, 3]
@@ -208,7 +216,7 @@ def course_time(motion: Motion, robot: Robot, limits: MotionLimits) -> float:
         for q_from, q_to in pairwise(leg.path(np.linspace(0.0, leg.path.length, count + 1))):
             step = np.maximum(np.abs(q_to - q_from), 1e-12)
             shares = [
-                float(np.min(COURSE_SHARE * limit / step))
+                float(np.min(share * limit / step))
                 for limit in (limits.velocity, limits.acceleration, limits.jerk)
             ]
             total += TimeLaw(1.0, *shares).duration

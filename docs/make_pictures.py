@@ -9,7 +9,7 @@ import os
 import subprocess
 import sys
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -66,12 +66,12 @@ def main(chosen: list[str]) -> None:
         if chosen and name not in chosen:
             continue
         if name in PICTURES:
-            picture = draw_cycle(*PICTURES[name])
+            drawn = draw_cycle(*PICTURES[name])
         elif name in ROBOT_VIEWS:
-            picture = draw_robot(*ROBOT_VIEWS[name])
+            drawn = draw_robot(*ROBOT_VIEWS[name])
         else:
-            picture = draw_gripper(*GRIPPER_VIEW)
-        picture.save(IMAGES / name, optimize=True)
+            drawn = draw_gripper(*GRIPPER_VIEW)
+        drawn.save(IMAGES / name, optimize=True)
 
 
 @contextmanager
@@ -108,8 +108,8 @@ def draw_robot(azimuth: float, elevation: float, distance: float) -> Image.Image
     """Draw the robot alone on a white floor."""
     import mujoco
 
-    spec, robot = _robot()
-    _studio(spec)
+    spec, robot = bundled_robot()
+    studio(spec)
     spec.worldbody.add_geom(
         type=mujoco.mjtGeom.mjGEOM_PLANE,
         size=[FLOOR, FLOOR, 0.1],
@@ -120,15 +120,15 @@ def draw_robot(azimuth: float, elevation: float, distance: float) -> Image.Image
     data = mujoco.MjData(model)
     for name, value in zip(robot.arm_joints, ROBOT_POSE, strict=True):
         data.joint(name).qpos = value
-    return _picture(model, data, azimuth, elevation, ROBOT_MIDDLE, distance)
+    return picture(model, data, azimuth, elevation, ROBOT_MIDDLE, distance)
 
 
 def draw_gripper(azimuth: float, elevation: float) -> Image.Image:
     """Draw the gripper closed on a target."""
     import mujoco
 
-    spec, robot = _robot()
-    _studio(spec)
+    spec, robot = bundled_robot()
+    studio(spec)
     spec.body("tcp").add_geom(
         type=mujoco.mjtGeom.mjGEOM_CYLINDER,
         size=[TARGET_RADIUS, TARGET_HALF_LENGTH, 0],
@@ -146,10 +146,11 @@ def draw_gripper(azimuth: float, elevation: float) -> Image.Image:
         data.joint(name).qpos = apex - TARGET_RADIUS / np.cos(np.radians(15.0))
     mujoco.mj_kinematics(model, data)
     look = data.body("tcp").xpos - (0.08, 0.0, 0.035)
-    return _picture(model, data, azimuth, elevation, look, 1.42)
+    return picture(model, data, azimuth, elevation, look, 1.42)
 
 
-def _robot() -> tuple[Any, Any]:
+def bundled_robot() -> tuple[Any, Any]:
+    """Return the MJCF of the bundled robot, and what it is."""
     from kr210_sim.description import load_description
     from kr210_sim.mjcf import robot_spec
     from kr210_sim.resources import resource
@@ -160,7 +161,7 @@ def _robot() -> tuple[Any, Any]:
     return robot_spec(description, robot), robot
 
 
-def _studio(spec: Any) -> None:
+def studio(spec: Any) -> None:
     """Add a white surrounding, a soft key light of several lamps, and a fill light."""
     import mujoco
 
@@ -195,9 +196,27 @@ def _lamp(spec: Any, direction: tuple[float, float, float], bright: float, *, sh
     )
 
 
-def _picture(
-    model: Any, data: Any, azimuth: float, elevation: float, look: Any, distance: float
+def picture(
+    model: Any,
+    data: Any,
+    azimuth: float,
+    elevation: float,
+    look: Any,
+    distance: float,
+    *,
+    mark: Callable[[Any], None] = lambda scene: None,
 ) -> Image.Image:
+    """Draw a model in its configuration.
+
+    Args:
+        model: in a studio.
+        data: its configuration.
+        azimuth: of the line of sight [deg].
+        elevation: of the line of sight [deg].
+        look: where the camera looks (3,) [m].
+        distance: from there [m].
+        mark: adds to the scene before it is drawn.
+    """
     import mujoco
 
     mujoco.mj_forward(model, data)
@@ -209,6 +228,7 @@ def _picture(
     width, height = (OVERSAMPLED * value for value in SIZE)
     with mujoco.Renderer(model, height, width) as renderer:
         renderer.update_scene(data, camera, option)
+        mark(renderer.scene)
         frame = renderer.render()
     return Image.fromarray(frame).resize(SIZE, Image.Resampling.LANCZOS)
 

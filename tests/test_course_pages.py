@@ -1,0 +1,171 @@
+"""The pages of the course: snippets print what stands below, commands run, links lead on."""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import re
+import shlex
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from kr210_sim.cli import main
+from kr210_sim.grading import grade as grading
+from kr210_sim.grading.exercises import EXERCISES
+
+ROOT = Path(__file__).parents[1]
+DOCS = ROOT / "docs"
+COURSE = DOCS / "course"
+PAGES = sorted(COURSE.glob("*.md"))
+LINKED = [*DOCS.rglob("*.md"), ROOT / "README.md", ROOT / "ik" / "README.md"]
+FENCE = re.compile(r"^```(\w*)\n(.*?)^```$", flags=re.MULTILINE | re.DOTALL)
+
+
+def blocks(page: Path) -> list[tuple[str, str]]:
+    return FENCE.findall(page.read_text(encoding="utf-8"))
+
+
+def commands() -> list[str]:
+    """Every command of the course, once."""
+    found = [
+        line
+        for page in PAGES
+        for language, text in blocks(page)
+        if language == "sh"
+        for line in text.replace("\\\n", " ").splitlines()
+    ]
+    return list(dict.fromkeys(found))
+
+
+# ---- snippets -------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
+def test_every_snippet_prints_what_stands_below_it(page):
+    found = blocks(page)
+    space: dict = {}
+    for (language, text), (after, shown) in zip(found, [*found[1:], ("", "")], strict=True):
+        assert language in ("python", "sh", "text", "")
+        if language != "python":
+            continue
+        printed = io.StringIO()
+        with contextlib.redirect_stdout(printed):
+            exec(compile(text, str(page), "exec"), space)
+        assert after == "text", f"no output stands below a snippet of {page.name}"
+        assert printed.getvalue() == shown
+
+
+# ---- commands -------------------------------------------------------------------------------
+
+
+def is_quick(command: str) -> bool:
+    """Tell whether a command asks for nothing but one step: test_exercises runs these."""
+    return "--step" in command and "all" not in command
+
+
+def test_the_steps_of_the_pages_are_those_there_are():
+    for exercise in EXERCISES:
+        text = (COURSE / exercise.page).read_text(encoding="utf-8")
+        assert f"kr210-sim grade my_file.py --step {exercise.name}\n" in text
+    words = [shlex.split(command) for command in commands()]
+    assert all(line[0] == "kr210-sim" for line in words)
+    steps = {line[line.index("--step") + 1] for line in words if "--step" in line}
+    assert steps == {"all", *(exercise.name for exercise in EXERCISES)}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("command", [line for line in commands() if not is_quick(line)])
+def test_a_command_of_the_course_runs(command, tmp_path, monkeypatch, scene):
+    monkeypatch.setattr(grading, "_scene", lambda config: scene)
+    solution = ROOT / "examples" / "course" / "solution.py"
+    shutil.copy(solution, tmp_path / "my_file.py")
+    for name in ("anna", "ben"):
+        (tmp_path / "class" / name).mkdir(parents=True)
+        shutil.copy(solution, tmp_path / "class" / name / "my_file.py")
+    monkeypatch.chdir(tmp_path)
+    words = shlex.split(command)[1:]
+    if "--jobs" in words or "--seed" in words:  # whole grades: one of ten cycles is enough
+        words = [word for word in words if word != "20"] + ["--cycles", "2"]
+        words = [word for i, word in enumerate(words) if word != "--cycles" or i == len(words) - 2]
+    assert main(words) == 0
+
+
+# ---- links and figures ----------------------------------------------------------------------
+
+
+def anchors(page: Path) -> set[str]:
+    """Anchors of the headings, as GitHub and mkdocs make them."""
+    text = FENCE.sub("", page.read_text(encoding="utf-8"))
+    titles = re.findall(r"^#+ (.*)$", text, flags=re.MULTILINE)
+    plain = (re.sub(r"[^\w\- ]", "", re.sub(r"`|\*", "", title)) for title in titles)
+    return {title.strip().lower().replace(" ", "-") for title in plain}
+
+
+@pytest.mark.parametrize("page", LINKED, ids=lambda page: str(page.relative_to(ROOT)))
+def test_every_link_leads_somewhere(page):
+    text = FENCE.sub("", page.read_text(encoding="utf-8"))
+    for target in re.findall(r"\]\(([^)\s]+)\)", text):
+        if target.startswith(("http:", "https:")):
+            continue
+        path, _, anchor = target.partition("#")
+        there = (page.parent / path).resolve() if path else page
+        assert there.exists(), target
+        assert there.is_relative_to(ROOT), target
+        if anchor:
+            assert anchor in anchors(there), target
+
+
+def test_every_figure_is_shown_small_and_made_by_a_script():
+    made = "".join(path.read_text() for path in (*COURSE.glob("*.py"),
+                   ROOT / "benchmarks" / "course_comparisons.py"))  # fmt: skip
+    shown = "".join(page.read_text(encoding="utf-8") for page in PAGES)
+    figures = sorted((COURSE / "figures").iterdir())
+    assert figures
+    for figure in figures:
+        assert figure.stat().st_size < 200_000, figure.name
+        assert f'"{figure.name}"' in made
+        assert f"(figures/{figure.name})" in shown
+
+
+def test_every_page_is_reached_and_leads_on():
+    index = (COURSE / "README.md").read_text(encoding="utf-8")
+    for page in PAGES[:-3]:
+        if page.name != "README.md":
+            assert f"({page.name})" in index
+    numbered = sorted(COURSE.glob("[0-9]*.md"))
+    for page, following in zip(numbered, [*numbered[1:], COURSE / "comparisons.md"], strict=True):
+        assert page.read_text(encoding="utf-8").rstrip().endswith(f"({following.name})")
+
+
+def test_teachers_have_a_page_for_every_diagnosis():
+    text = (COURSE / "teachers.md").read_text(encoding="utf-8")
+    sections = re.findall(r"^## (\w+)$", (DOCS / "diagnoses.md").read_text(), flags=re.MULTILINE)
+    assert sections
+    for key in sections:
+        assert f"[{key}](../diagnoses.md#{key})" in text
+
+
+def test_the_rubric_adds_up_to_a_hundred():
+    text = (COURSE / "teachers.md").read_text(encoding="utf-8")
+    points = re.findall(r"^\| [^|]+ \| (\d+) \|", text, flags=re.MULTILINE)
+    assert sum(map(int, points)) == 100
+
+
+# ---- the site -------------------------------------------------------------------------------
+
+
+@pytest.mark.slow
+def test_the_pages_build_without_a_warning(tmp_path):
+    pytest.importorskip("mkdocs")
+    command = [sys.executable, "-m", "mkdocs", "build", "--quiet", "--strict", "--site-dir"]
+    done = subprocess.run(
+        [*command, str(tmp_path / "site")], cwd=ROOT, capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stderr
+    page = (tmp_path / "site" / "course" / "index.html").read_text(encoding="utf-8")
+    assert "source/examples/course/exercises.py/" in page
+    assert (tmp_path / "site/source/examples/course/exercises.py/index.html").is_file()
