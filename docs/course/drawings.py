@@ -168,7 +168,7 @@ def dh_frames() -> Figure:
 def four_moves() -> Figure:
     """Draw the four moves of row 2: from frame 1 to frame 2."""
     with matplotlib.rc_context(STYLE):
-        figure = Figure(figsize=(9.0, 2.3), layout="constrained", facecolor="white")
+        figure = Figure(figsize=(6.4, 4.3), layout="constrained", facecolor="white")
         FigureCanvasSVG(figure)
     one = np.eye(4)
     one[2, 3] = 0.75
@@ -182,7 +182,7 @@ def four_moves() -> Figure:
     ]
     T = one
     for i, (title, move) in enumerate(moves):
-        axes = figure.add_subplot(1, 5, i + 1)
+        axes = figure.add_subplot(2, 3, i + 1)
         axes.set_aspect("equal")
         axes.set_axis_off()
         T = T @ move
