@@ -66,8 +66,9 @@ def asked(monkeypatch, robot):
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_the_solution_is_right_whatever_the_seed(name, asked):
-    for seed in (0, 1):
+@pytest.mark.parametrize("seeds", [(1,), pytest.param(range(2, 20), marks=pytest.mark.slow)])
+def test_the_solution_is_right_whatever_the_seed(name, seeds, asked):
+    for seed in seeds:
         found = asked(name, getattr(SOLVED, name), seed)
         assert found["passed"], found["text"]
         assert found["worst_error"] < 1e-10
@@ -115,7 +116,7 @@ def test_any_branch_and_any_turn_will_do(asked):
 
 def test_sympy_and_columns_are_numbers_too(asked):
     sympy = pytest.importorskip("sympy")
-    found = asked("wrist_center", lambda T_0_7: sympy.Matrix(SOLVED.wrist_center(T_0_7)))
+    found = asked("motion_time", lambda *given: sympy.Matrix([SOLVED.motion_time(*given)]))
     assert found["passed"], found["text"]
 
 
@@ -175,7 +176,13 @@ WRONG = [
     ("transform", lambda *row: SOLVED.transform(*row).T, "wanted", None),
     ("total_transform", lambda q: np.eye(4), "q = 0: row", None),
     ("rotation", lambda q: SOLVED.rotation(q).T, "golden pose 1", "gripper_correction"),
-    ("rotation", lambda q: SOLVED.rotation(np.roll(q, -1)), "row", "rpy_order"),
+    pytest.param(
+        "rotation",
+        lambda q: SOLVED.rotation(np.roll(q, -1)),
+        "row",
+        "rpy_order",
+        marks=pytest.mark.slow,
+    ),
     ("rotation", lambda q: np.zeros((3, 3)), "row", None),
     ("dh_pose", lambda T: T, "before cell 5: row", "gripper_correction"),
     ("wrist_center", lambda T: T[:3, 3] - 0.193 * T[:3, 2], "x is 2.007, ", "tool_length"),
@@ -187,7 +194,13 @@ WRONG = [
     ("all_branches", lambda T: [1.0, 2.0], "shape (2,), wanted (n, 6)", None),
     ("nearest_turns", lambda q, q_before, lower, upper: q, "joint_", None),
     ("solve", lambda T, q: SOLVED.solve(T, q)[:1], "shape (1, 6), wanted (60, 6)", None),
-    ("solve", lambda T, q: SOLVED.solve(T, q) + 0.01, "is missed by", None),
+    pytest.param(
+        "solve",
+        lambda T, q: SOLVED.solve(T, q) + 0.01,
+        "is missed by",
+        None,
+        marks=pytest.mark.slow,
+    ),
     ("solve", spinning, "joint 6", "turn_jumps"),
     ("solve", far_away, "joint 1 of pose 59 is beyond its limit", "beyond_limits"),
     ("singularity", lambda q: (1, 2), "shape (2,), wanted (3,)", None),
