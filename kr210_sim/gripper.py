@@ -23,6 +23,10 @@ TCP_NAME = "tcp"
 PAD_FRICTION = 1.0
 """Sliding friction of a pad on a target; the pads' contact has priority over the target's own."""
 
+JAW_TILT = np.deg2rad(15.0)
+"""Tilt of the pads of the V jaws: a target off their middle touches one pad of each finger only,
+and is pushed further out."""
+
 _ALIGNED = 1e-6  # [rad]
 
 

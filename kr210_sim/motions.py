@@ -123,7 +123,9 @@ def _within_tcp_limits(
     """Slow a motion that would break a TCP limit until it does not."""
     held = mass if any(leg.hand in (Hand.LIFTING, Hand.HOLDING) for leg in legs) else None
     try:
-        share = setup.tcp_limits.share(robot, motion.trajectory, held)
+        share = setup.tcp_limits.share(
+            robot, motion.trajectory, held, friction=setup.variation.grip_friction
+        )
     except ValueError as error:
         raise CycleFailure("no_path", str(error), stage=legs[0].stage) from error
     if share == 1.0:

@@ -38,13 +38,22 @@ class TcpLimits:
     speed: float = TCP_SPEED
     grip_safety: float = GRIP_SAFETY
 
-    def share(self, robot: Robot, trajectory: Trajectory, held_mass: float | None) -> float:
+    def share(
+        self,
+        robot: Robot,
+        trajectory: Trajectory,
+        held_mass: float | None,
+        *,
+        friction: float = PAD_FRICTION,
+    ) -> float:
         """Return how fast a trajectory may be run: 1 as it is, 0.5 in twice the time.
 
         Args:
             robot: tool and grip force.
             trajectory: of the arm.
             held_mass: of the target in the hand [kg], None for an empty hand.
+            friction: coefficient to count on. With too little of it for twice the weight, what is
+                enough for that is counted on: else nothing would be carried at all.
 
         Raises:
             ValueError: if the grip does not even hold the target at rest.
@@ -62,9 +71,10 @@ class TcpLimits:
         acceleration = np.diff(velocity, axis=0) / step
         R_base_tcp = T_base_tcp[1:-1, :3, :3]
         limit = robot.grip_force / self.grip_safety
+        friction = max(friction, min(PAD_FRICTION, 2 * held_mass * GRAVITY / limit))
 
         def holds(share: float) -> bool:
-            load = grip_load(R_base_tcp, acceleration * share**2, held_mass)
+            load = grip_load(R_base_tcp, acceleration * share**2, held_mass, friction)
             return bool(np.max(load) <= limit)
 
         if holds(share):
@@ -79,7 +89,9 @@ class TcpLimits:
         return low
 
 
-def grip_load(R_base_tcp: Array, acceleration: Array, mass: float) -> Array:
+def grip_load(
+    R_base_tcp: Array, acceleration: Array, mass: float, friction: float = PAD_FRICTION
+) -> Array:
     """Return the grip force (N,) [N] that a target at the TCP needs at least.
 
     The pads press along the tool's y axis with forces that add up to the grip force G, so the
@@ -92,8 +104,9 @@ def grip_load(R_base_tcp: Array, acceleration: Array, mass: float) -> Array:
         R_base_tcp: (N, 3, 3) orientation of the tool; base frame, z up.
         acceleration: (N, 3) of the TCP, base frame [m/s^2].
         mass: [kg].
+        friction: coefficient mu.
     """
     specific = acceleration + np.array([0.0, 0.0, GRAVITY])
     force = mass * np.einsum("nji,nj->ni", R_base_tcp, specific)
     across = np.hypot(force[:, 0], force[:, 2])
-    return np.asarray(np.abs(force[:, 1]) + across / PAD_FRICTION)
+    return np.asarray(np.abs(force[:, 1]) + across / friction)

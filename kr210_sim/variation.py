@@ -10,6 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from kr210_sim.arrays import Array
 from kr210_sim.draws import Draws, Value
+from kr210_sim.gripper import JAW_TILT, PAD_FRICTION
 from kr210_sim.randomize import Randomization
 from kr210_sim.room import Room
 from kr210_sim.scene import Scene, Target
@@ -28,6 +29,9 @@ _PLACING = (
 )
 """What decides whether a target stands free; drawn together until it does."""
 
+_SEEN_BESIDE = ("perceived_shift_m", "perceived_depth_m")
+"""What makes the jaws close beside the target's middle."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class Variation:
@@ -38,6 +42,7 @@ class Variation:
         T_base_perceived: (4, 4) target pose that the planner is told, None for the true one.
         mass_at_most: heaviest target that may come [kg], None if its mass is known.
         pad_friction: coefficient of the pads, None for the description's.
+        grip_friction: coefficient that motions may count on, whatever is drawn.
         gain: (6,) factor of each arm servo's force, None for 1.
         delay: by which commands reach the servos late [s].
         payload: mass at the TCP that no controller knows of [kg].
@@ -49,6 +54,7 @@ class Variation:
     T_base_perceived: Array | None = None
     mass_at_most: float | None = None
     pad_friction: float | None = None
+    grip_friction: float = PAD_FRICTION
     gain: Array | None = None
     delay: float = 0.0
     payload: float = 0.0
@@ -185,6 +191,7 @@ def _vary(
         mass_at_most=None if mass is None else mass[1],
         T_base_perceived=T_base_perceived,
         pad_friction=own("pad_friction"),
+        grip_friction=_grip_friction(randomization),
         gain=vector("actuator_gain"),
         delay=number("actuator_delay_s", 0.0),
         payload=number("payload_kg", 0.0),
@@ -192,6 +199,20 @@ def _vary(
         draws=draws,
     )
     return target, variation
+
+
+def _grip_friction(randomization: Randomization) -> float:
+    """Return the friction coefficient that motions may count on.
+
+    The least that pads may have; and where a target may be seen beside where it stands, it may be
+    held off the middle of the jaws, one tilted pad of each finger holding it. Friction of angle phi
+    on a surface tilted by alpha holds against what the tilt pushes out as one of phi - alpha does.
+    """
+    pads = randomization.bounds("pad_friction")
+    least = PAD_FRICTION if pads is None else pads[0]
+    if any(name in randomization.block for name in _SEEN_BESIDE):
+        least = float(np.tan(max(np.arctan(least) - JAW_TILT, 0.0)))
+    return least
 
 
 def _look(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import mujoco
 import numpy as np
 import pytest
 from conftest import standing_target
@@ -9,11 +10,14 @@ from conftest import standing_target
 from kr210_sim.collision import MujocoOracle
 from kr210_sim.cycle import CycleSetup, plan_cycle, run_cycle
 from kr210_sim.exceptions import CycleFailure
+from kr210_sim.gripper import JAW_TILT, PAD_FRICTION, PAD_MARK
 from kr210_sim.path import Path
+from kr210_sim.randomize import read_randomization
 from kr210_sim.score import score_cycle
 from kr210_sim.simulation import Simulation
 from kr210_sim.tcp_limits import GRIP_SAFETY, TCP_SPEED, TcpLimits, grip_load
 from kr210_sim.trajectory import time_path
+from kr210_sim.variation import vary
 
 CARRY = 1
 """Index of the motion that carries the target, among the three of a cycle."""
@@ -140,3 +144,41 @@ def test_without_the_limit_the_heaviest_target_is_lost(scene, limits):
     score = score_cycle(run_cycle(simulation, target, setup), time_limit=60.0)
     assert score.cause is not None
     assert score.cause.reason == "dropped"
+
+
+# ---- what randomised cycles count on --------------------------------------------------------
+
+
+def variation(scene, preset):
+    target = standing_target(scene, 5)
+    return vary(scene, [target], [1], read_randomization(preset))[0][1]
+
+
+def test_motions_count_on_the_least_friction_of_pads_that_hold_a_target_off_their_middle(scene):
+    assert variation(scene, "course").grip_friction == PAD_FRICTION
+    nominal = variation(scene, "nominal").grip_friction
+    assert nominal == pytest.approx(np.tan(np.arctan(0.6) - JAW_TILT))
+    assert 0.0 < variation(scene, "hard").grip_friction < nominal
+
+
+def test_the_tilt_is_that_of_the_pads(robot_model):
+    model = robot_model
+    data = mujoco.MjData(model)
+    mujoco.mj_kinematics(model, data)
+    pads = [g for g in range(model.ngeom) if PAD_MARK in model.geom(g).name]
+    assert len(pads) == 4
+    closing = data.xmat[model.body("gripper_link").id].reshape(3, 3)[:, 1]
+    for pad in pads:
+        faces = np.abs(data.geom_xmat[pad].reshape(3, 3).T @ closing)
+        assert np.max(faces) == pytest.approx(np.cos(JAW_TILT))
+
+
+def test_less_friction_to_count_on_makes_a_motion_slower(scene, limits):
+    carry = planned(scene, limits)[CARRY].trajectory
+    shares = [
+        TcpLimits().share(scene.robot, carry, 5.0, friction=friction)
+        for friction in (1.0, 0.6, 0.4, 0.3, 0.1, 0.0)
+    ]
+    assert shares[0] > shares[-1] > 0.5
+    assert shares == sorted(shares, reverse=True)
+    assert shares[-1] == shares[-2]  # what is too little for twice the weight is not planned for
