@@ -101,20 +101,22 @@ def solve(
     azimuth=np.arctan2,
     inverse=lambda R: np.swapaxes(R, 1, 2),
     sign5=1,
+    d1=D1,
+    a2=A2,
 ):
     """The course's solution; every argument is a place for a mistake."""
     R = compose(*euler(T[:, :3, :3])) @ correction
     w = T[:, :3, 3] - tool * R[:, :, 2]
     q1 = azimuth(w[:, 1], w[:, 0])
-    u, v = np.hypot(w[:, 0], w[:, 1]) - A1, w[:, 2] - D1
+    u, v = np.hypot(w[:, 0], w[:, 1]) - A1, w[:, 2] - d1
     forearm, reach = np.hypot(D4, A3), np.hypot(u, v)
-    A = acos((reach**2 + A2**2 - forearm**2) / (2 * reach * A2))
-    B = acos((forearm**2 + A2**2 - reach**2) / (2 * forearm * A2))
+    A = acos((reach**2 + a2**2 - forearm**2) / (2 * reach * a2))
+    B = acos((forearm**2 + a2**2 - reach**2) / (2 * forearm * a2))
     q2 = PI / 2 - elbow[0] * A - np.arctan2(v, u + A1 - elevation_from) + theta2
     q3 = PI / 2 - elbow[1] * B - sag + theta3
     if elbow[1] < 0:
         q3 = q3 - 2 * PI
-    T0_3 = dh(0, 0, D1, q1) @ dh(-PI / 2, A1, 0, q2 + dh2) @ dh(0, A2, 0, q3)
+    T0_3 = dh(0, 0, d1, q1) @ dh(-PI / 2, A1, 0, q2 + dh2) @ dh(0, a2, 0, q3)
     M = inverse(T0_3[:, :3, :3]) @ R
     q4 = np.arctan2(M[:, 2, 2], -M[:, 0, 2])
     q5 = sign5 * np.arctan2(np.hypot(M[:, 0, 2], M[:, 2, 2]), M[:, 1, 2])
@@ -189,6 +191,8 @@ sag_omitted = with_(sag=0.0)
 sag_of_wrong_sign = with_(sag=-SAG)
 elbows_mixed = with_(elbow=(-1, 1))
 a1_ignored = with_(elevation_from=0.0)
+height_mistyped = with_(d1=0.33)
+upper_arm_mistyped = with_(a2=1.2)
 orthogonality_lost = with_(inverse=rounded_lu)
 
 

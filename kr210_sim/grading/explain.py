@@ -15,6 +15,7 @@ from kr210_sim.grading.mistakes import (
     Sample,
     arm_error,
     arm_mistakes,
+    length_mistakes,
     units,
     wrist_error,
     wrist_mistakes,
@@ -103,6 +104,7 @@ def _explain_all(sample: Sample, front: Array) -> Explained:
         scale = float(np.prod([mistake.unit for mistake in unit]))
         search = _Search(replace(sample, q=scale * sample.q), front)
         arms = search.sets(arm_mistakes(sample.arm, sample.tool, FLANGE), arm_error, ARM_TOLERANCE)
+        arms = arms or search.sets(search.lengths(), arm_error, ARM_TOLERANCE)
         wrists = search.sets(wrist_mistakes(sample.arm), wrist_error, WRIST_TOLERANCE)
         both = [Explained(unit=unit, arm=a, wrist=w) for a in arms for w in wrists]
         if both:
@@ -134,6 +136,10 @@ class _Search:
         self._few = sample.of(
             np.concatenate([rows[:: max(1, len(rows) // _FIRST)] for rows in groups])
         )
+
+    def lengths(self) -> list[Mistake]:
+        """Return the lengths that may be wrong."""
+        return length_mistakes(self._sample)
 
     def sets(
         self,

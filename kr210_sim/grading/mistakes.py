@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from itertools import permutations
+from typing import Any
 
 import numpy as np
 
@@ -47,6 +48,7 @@ class Mistake:
         lean: what its R0_3 is turned too far about axis 2, when it solves the wrist [rad].
         shoulder: "a1 = 0" in the whole triangle, or "angle" in the angle of elevation alone.
         flat: takes axis 3 and axis 4 to intersect (a3 = 0).
+        length: field of the arm, and what it is taken for [m].
         elbow: theta2 of one elbow with theta3 of the other.
         wrist: sign of theta5 without its theta4 and theta6.
         behind: theta1 half a turn off behind the axis, as from atan(y / x).
@@ -62,6 +64,7 @@ class Mistake:
     lean: float = 0.0
     shoulder: str = ""
     flat: bool = False
+    length: tuple[str, float] | None = None
     elbow: bool = False
     wrist: bool = False
     behind: bool = False
@@ -270,6 +273,43 @@ class Sample:
         return replace(self, p=self.p[chosen], R=self.R[chosen], q=self.q[chosen])
 
 
+_LENGTHS = {"a1": "a1", "a2": "L2", "a3": "a3", "d1": "d1", "d4": "d4"}
+"""Lengths that a solver may have mistyped: name in the DH table -> field of the arm."""
+
+_AGREEING = 1e-3
+"""Guesses of a length that differ by less agree [m]."""
+
+
+def length_mistakes(sample: Sample) -> list[Mistake]:
+    """Return the mistake of each length of the arm that explains the answers best.
+
+    The wrist center is linear in each of them.
+    """
+    arm, found = sample.arm, []
+
+    def reached(geometry: ik.Arm) -> Array:
+        return ik.wrist_center(geometry, ik.forward(geometry, sample.q))
+
+    off = sample.center - reached(arm)
+    for name, field in _LENGTHS.items():
+        right = float(getattr(arm, field))
+        along = reached(_with_length(arm, field, right + 1.0)) - reached(arm)
+        guesses = right + np.sum(off * along, axis=1) / np.sum(along**2, axis=1)
+        # What most answers agree on: of those out of reach each says something else.
+        agreeing = np.abs(guesses[:, None] - guesses) < _AGREEING
+        taken = float(guesses[np.argmax(agreeing.sum(axis=1))])
+        if field == "L2" and taken <= 0.0:  # there is no such arm
+            continue
+        text = f"{name} is {taken:.3f} m instead of {right:.3f} m"
+        found.append(Mistake(key="length", text=text, length=(field, taken)))
+    return found
+
+
+def _with_length(arm: ik.Arm, field: str, value: float) -> ik.Arm:
+    changed: dict[str, Any] = {field: value}
+    return replace(arm, **changed)
+
+
 def undone(q: Array, made: Made) -> Array:
     """Return answers without the constant offsets that mistakes gave them."""
     offset = np.zeros(6)
@@ -290,6 +330,7 @@ def arm_error(sample: Sample, made: Made) -> Array:
         tool = tool if mistake.tool is None else mistake.tool
         arm = replace(arm, a1=0.0) if mistake.shoulder == "a1 = 0" else arm
         arm = replace(arm, a3=0.0) if mistake.flat else arm
+        arm = _with_length(arm, *mistake.length) if mistake.length else arm
     center = sample.p - tool * R[:, :, 0]
     variants = [undone(sample.q, made)]
     if any(mistake.behind for mistake in made):
