@@ -236,6 +236,23 @@ def test_debug_cases_print_the_errors_of_golden_poses(robot):
     assert max(offsets[3:]) < 1e-8
     assert "Theta 6 error is: 0.00000000" in text
     assert "0.2500 seconds" in text
+    last = text.splitlines()[-1]
+    assert last.startswith(
+        "5 of 5 cases answered, 2 of them within 1 mm; worst end effector offset"
+    )
+
+
+def test_debug_cases_without_an_answer_are_counted(robot):
+    class Silent:
+        source = SolverSource(module="silent")
+
+        def load(self): ...
+
+        def ask(self, T, q_start):
+            return Answer(q=np.full((1, 6), np.nan), seconds=np.ones(1), finding=None)
+
+    text = debug_text(Silent(), robot, GOLDEN)
+    assert text.splitlines()[-1] == "0 of 3 cases answered"
 
 
 @pytest.mark.slow

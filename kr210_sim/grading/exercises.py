@@ -26,6 +26,8 @@ from kr210_sim.robot import Robot
 ALL = "all"
 """Instead of a step's name: every step, in the order of the course."""
 
+_LONGEST_CALL = 400
+_PRINTED_LINES = 10
 _FREE = np.full(6, np.inf)
 _UNWRITTEN = f"raised {NotImplementedError.__name__}"
 
@@ -276,18 +278,23 @@ def check_step(
     cases = exercise.cases(robot, seed)
     errors: list[float] = []
     answers: list[Array] = []
-    first, written = "", True
+    finding, asked, printed, written = "", "", b"", True
     try:
         with closing(FunctionProcess(named, limits)) as process:
-            for case in cases:
-                answer = _shaped(process.call(case.arguments), exercise.shape)
-                error, text = exercise.judge(robot, case, answer, exercise.entry)
-                first = first or (f"{case.title}: {text}" if error > judges.TOLERANCE else "")
-                errors.append(error)
-                answers.append(answer)
+            try:
+                for case in cases:
+                    answer = _shaped(process.call(case.arguments), exercise.shape)
+                    error, text = exercise.judge(robot, case, answer, exercise.entry)
+                    if not (finding or error <= judges.TOLERANCE):
+                        finding, asked = f"{case.title}: {text}", _call_text(exercise, case)
+                    errors.append(error)
+                    answers.append(answer)
+            finally:
+                printed = process.output
     except Refused as refused:
-        about = f"{cases[len(errors)].title}: " if errors else ""
-        first = first or about + refused.finding.text(source.name)
+        case = cases[len(errors)]
+        finding = finding or f"{case.title}: {refused.finding.text(source.name)}"
+        asked = asked or _call_text(exercise, case)
         written = not refused.finding.detail.startswith(_UNWRITTEN)
     right = sum(error <= judges.TOLERANCE for error in errors)
     worst = max(errors, default=math.inf)
@@ -298,10 +305,19 @@ def check_step(
         "cases": len(cases),
         "right": right,
         "worst_error": worst if math.isfinite(worst) else None,
-        "finding": first or None,
-        "diagnoses": _diagnoses(exercise, robot, cases, answers) if first else [],
+        "finding": finding or None,
+        "asked": asked or None,
+        "diagnoses": _diagnoses(exercise, robot, cases, answers) if finding else [],
+        "printed": printed.decode("utf-8", "replace"),
         "page": exercise.document,
     }
+
+
+def _call_text(exercise: Exercise, case: Case) -> str:
+    """Return the call of a case as one may copy it, unless it is far too long."""
+    values = [np.round(np.asarray(value), 6).tolist() for value in case.arguments]
+    text = f"{exercise.name}({', '.join(map(str, values))})"
+    return text if len(text) <= _LONGEST_CALL else f"{exercise.name}(...), {case.title}"
 
 
 def _shaped(answer: Array, shape: tuple[int, ...] | None) -> Array:
@@ -340,15 +356,28 @@ def _diagnoses(
 def step_text(exercise: Exercise, found: dict[str, Any]) -> str:
     """Return the result of `check_step` as a few lines."""
     count, right = found["cases"], found["right"]
+    printed = [_plain(line) for line in found["printed"].splitlines()]
+    more = [f"  ... and {len(printed) - _PRINTED_LINES} lines more"]
+    shown = [f"  it printed {line}" for line in printed[:_PRINTED_LINES]]
+    shown += more if len(printed) > _PRINTED_LINES else []
     if found["passed"]:
-        return f"{exercise.name}: right in {right} of {count} cases, to {found['worst_error']:.1e}"
-    if not found["written"]:
-        return f"{exercise.name}: not written yet, see {found['page']}"
-    lines = [
-        f"{exercise.name}: right in {right} of {count} cases",
-        f"  finding    {found['finding']}",
-        *(f"  diagnosis  {item['text']} ({item['page']})" for item in found["diagnoses"]),
-        f"  to write   {exercise.call} -> {exercise.answer}",
-        f"  read       {found['page']}",
-    ]
-    return "\n".join(lines)
+        lines = [
+            f"{exercise.name}: right in {right} of {count} cases, to {found['worst_error']:.1e}"
+        ]
+    elif not found["written"]:
+        lines = [f"{exercise.name}: not written yet, see {found['page']}"]
+    else:
+        lines = [
+            f"{exercise.name}: right in {right} of {count} cases",
+            f"  finding    {found['finding']}",
+            f"  asked      {found['asked']}",
+            *(f"  diagnosis  {item['text']} ({item['page']})" for item in found["diagnoses"]),
+            f"  to write   {exercise.call} -> {exercise.answer}",
+            f"  read       {found['page']}",
+        ]
+    return "\n".join([*lines, *shown])
+
+
+def _plain(text: str) -> str:
+    """Return a line of foreign text that a terminal takes for nothing but text."""
+    return "".join(sign if sign.isprintable() else "?" for sign in text[:200])
