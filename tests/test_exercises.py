@@ -272,7 +272,7 @@ def last_three(theta1, theta2, theta3, T_0_7):
     while True:
         pass
 def dh_table():
-    return [[0.0] * 4] * 10**5
+    return [[0.0] * 4] * 3000
 def transform(alpha, a, d, theta):
     print("alpha is", alpha, "\\x1b[2J")
 """
@@ -287,11 +287,12 @@ def test_a_hostile_function_is_held_to_its_process(tmp_path, capsys):
         "wrist_center": "raised PermissionError",
         "first_three": "ended itself with status 3",
         "last_three": "no answer to a case within 1 s",
-        "dh_table": "answered 400000 numbers",
+        "dh_table": "answered 12000 numbers",
         "transform": "  it printed alpha is 0.0 ?[2J",
         "dh_pose": "there is no function dh_pose; it has dh_table, first_three",
     }.items():
-        assert main(["grade", str(mine), "--step", name, "--pose-timeout", "1"]) == 1
+        patience = "1" if name == "last_three" else "30"
+        assert main(["grade", str(mine), "--step", name, "--pose-timeout", patience]) == 1
         assert text in capsys.readouterr().out
     assert not outside.exists()
 

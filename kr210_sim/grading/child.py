@@ -200,9 +200,11 @@ class _Server:
 
     def _answer_exercise(self, caller: Caller, arguments: Any) -> None:
         try:
-            self._channel.write(event="values", values=caller.values(arguments))
+            message = {"event": "values", "values": caller.values(arguments)}
         except Refused as refused:
-            self._channel.write(event="finding", **refused.finding.as_json())
+            message = {"event": "finding", **refused.finding.as_json()}
+        _flush()  # what was printed is there before the answer
+        self._channel.write(**message)
 
     def _answer(self, caller: Caller, request: Any) -> None:
         T = np.array(request["T"]).reshape(-1, 4, 4)
