@@ -47,12 +47,12 @@ def needed() -> dict[str, list[str]]:
 def licence(found: Distribution) -> str:
     """Return the licence that a package states: expression, classifier, field, or file."""
     of = found.metadata
-    if of["License-Expression"]:
+    if of.get("License-Expression"):
         return str(of["License-Expression"])
     classifiers = [each for each in of.get_all("Classifier") or () if each.startswith("License")]
     if classifiers:
         return ", ".join(each.rpartition(" :: ")[2] for each in classifiers)
-    text = str(of["License"] or "")
+    text = str(of.get("License") or "")
     if text and len(text) <= _SHORT:
         return text
     for path in () if text else found.files or ():

@@ -11,6 +11,7 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
+import measured
 import mujoco
 import numpy as np
 import pytest
@@ -45,6 +46,15 @@ class Run:
 def _no_log_file() -> None:
     """Keep MuJoCo's warnings out of MUJOCO_LOG.TXT; tests ask `data.warning` instead."""
     mujoco.set_mju_user_warning(lambda _message: None)
+
+
+@pytest.fixture(scope="session", autouse=True)
+def _measured() -> Iterator[None]:
+    """Under coverage, measure solvers and workers too."""
+    with pytest.MonkeyPatch.context() as patch:
+        if measured.SETTINGS in os.environ:
+            measured.hand_in(patch)
+        yield
 
 
 @pytest.fixture(scope="session")
