@@ -114,6 +114,12 @@ def test_sliding_counts_the_signs_of_the_arm():
     assert np.abs(ik.forward(arm, slid) - ik.forward(arm, q)).max() < 2e-15
 
 
+@pytest.mark.parametrize("q", [np.zeros(5), 0.0])
+def test_only_six_angles_slide(q):
+    with pytest.raises(ik.IKError, match=r"\(\.\.\., 6\)"):
+        ik.slide_wrist(ik.KR210, q, 1.0)
+
+
 def test_off_the_singularity_nothing_slides():
     q = np.array([0.1, 0.2, 0.3, 0.4, 1e-6, 0.6])
     assert np.array_equal(ik.slide_wrist(ik.KR210, q, 1.0), q)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import sys
+
 import numpy as np
 import pytest
 from ik_arms import KR210, OTHERS, SEVEN_AXES, UR_LIKE, parse_urdf
@@ -140,6 +142,21 @@ def test_formulas_agree_with_the_numbers(rows, convention):
     steps = [np.array(T.subs(values).evalf(), dtype=float) for T in formulas]
     assert np.abs(np.stack(steps[1:-1]) - dh.transforms(q)).max() < 1e-14
     assert np.abs(np.linalg.multi_dot(steps) - ik.forward(ik.KR210, q)).max() < 5e-15
+
+
+def test_angles_that_are_no_part_of_a_turn_are_written_as_numbers():
+    sympy = pytest.importorskip("sympy")
+    rows = np.vstack([(0.3, 0.2, 0.1, 0.7), MODIFIED[1:]])
+    dh = table(rows, "modified")
+    T_0_1 = ik.dh_formulas(dh)[1].subs("q1", 0.25).evalf()
+    assert np.abs(np.array(T_0_1, dtype=float) - dh.transforms([0.25] * 6)[0]).max() < 1e-15
+    assert "pi" not in sympy.sstr(ik.dh_formulas(dh)[1])
+
+
+def test_without_sympy_formulas_say_how_to_get_it(monkeypatch):
+    monkeypatch.setitem(sys.modules, "sympy", None)
+    with pytest.raises(ModuleNotFoundError, match="pip install sympy"):
+        ik.pose_formula()
 
 
 def test_formulas_are_written_without_rounding():

@@ -208,6 +208,13 @@ def test_limits_turn_angles_inside():
     assert np.nanmax(np.abs(plain.q)) <= np.pi
 
 
+def test_limits_of_a_full_turn_leave_nothing_out():
+    T = ik.forward(ik.KR210, np.random.default_rng(5).uniform(-3.0, 3.0, (40, 6)))
+    for wide in (np.pi, np.full(6, 7.0), np.full(6, np.inf)):
+        got = ik.inverse(ik.KR210, T, (-wide * np.ones(6), wide * np.ones(6)))
+        assert np.array_equal(got.q, ik.inverse(ik.KR210, T).q, equal_nan=True)
+
+
 def test_limits_have_slack():
     q = np.array([0.3, 85 * DEG + 5e-10, -1.0, 0.5, 0.7, 0.1])
     found = ik.inverse(ik.KR210, ik.forward(ik.KR210, q), LIMITS)
@@ -261,6 +268,12 @@ def test_what_is_no_pose_is_refused(change, words):
 def test_wrong_shapes_are_refused(shape):
     with pytest.raises(ik.InvalidPose, match="shape"):
         ik.inverse(ik.KR210, np.zeros(shape))
+    with pytest.raises(ik.InvalidPose, match="the tool must have shape"):
+        ik.check_poses(np.zeros(shape), "the tool")
+
+
+def test_no_poses_at_all_are_poses():
+    ik.check_poses(np.empty((0, 4, 4)))
 
 
 def test_poses_kept_as_float32_are_taken():

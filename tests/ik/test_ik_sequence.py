@@ -129,6 +129,16 @@ def test_straight_through_the_wrist_singularity_without_a_swing():
     assert got.jumps == 0
 
 
+@pytest.mark.parametrize("straight", [0, 20, 40])
+def test_without_a_start_the_neighbours_carry_it_through_the_singularity(straight):
+    q = np.array([0.2, 0.1, 0.3, 1.3, 0.0, -0.4]) + np.zeros((41, 6))
+    q[:, 4] = 0.02 * (np.arange(41) - straight)
+    got = ik.best_sequence(ik.KR210, ik.forward(ik.KR210, q), *LIMITS)
+    assert ik.singular(ik.KR210, got.q[straight])[2]
+    assert np.abs(np.diff(got.q, axis=0)).max() < 0.02 + 1e-9
+    assert got.jumps == 0
+
+
 def test_waypoints_all_at_the_wrist_singularity_keep_the_start():
     q = np.array([0.2, 0.1, 0.3, 1.3, 0.0, -0.4]) + np.zeros((9, 6))
     q[:, 0] = np.linspace(0.0, 0.8, 9)
