@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import json
 import subprocess
 import sys
@@ -53,7 +54,9 @@ BAD = [
     ("--cycles", "99999999999999999999"),
     ("--seed", "-1"), ("--seed", "x"),
     ("--scene", "nosuch"), ("--scene", ""), ("--scene", "."),
-    ("--ik", "nosuch"),
+    ("--ik", "nosuch"), ("--frame", "tool0"), ("--ik-scope", "some"), ("--ik-scope", "none"),
+    ("--episode-cycles", "0"), ("--jobs", "0"), ("--backend", "spark"), ("--record", "some"),
+    ("--viewer", "tv"), ("--retries", "-1"),
     ("--out", "n" * 300), ("--video", "film.txt"), ("--video", "nowhere/film.mp4"),
 ]  # fmt: skip
 
@@ -68,6 +71,26 @@ def test_bad_input_is_refused_in_one_line_and_nothing_is_written(here, capfd, op
     assert err.endswith("\n")
     assert option in err
     assert "Traceback" not in err
+    assert list(here.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    ("arguments", "option"),
+    [
+        (["--resume"], "--resume"),
+        (["--cell", "all", "--episode-cycles", "2"], "--episode-cycles"),
+        (["--record", "none", "--video", "film.mp4"], "--record"),
+        (["--viewer", "web", "--jobs", "2"], "--viewer"),
+        (["--only-cycle", "1", "--resume", "--out", "run"], "--only-cycle"),
+        (["--size", "64x64"], "--video"),
+    ],
+)
+def test_options_that_do_not_go_together_are_refused_in_one_line(here, capfd, arguments, option):
+    assert main(["run", *arguments]) == 2
+    out, err = capfd.readouterr()
+    assert out == ""
+    assert err.count("\n") == 1
+    assert err.startswith(f"kr210-sim: {option}: ")
     assert list(here.iterdir()) == []
 
 
@@ -205,6 +228,23 @@ def test_an_error_of_ours_exits_with_3_and_says_so(here, capfd, monkeypatch):
     err = capfd.readouterr().err
     assert "ZeroDivisionError" in err
     assert "internal error" in err
+
+
+def test_a_reader_that_has_gone_is_no_error_to_tell_of(here, capfd, monkeypatch):
+    class Gone(io.StringIO):
+        def write(self, _text: str) -> int:
+            raise BrokenPipeError
+
+    monkeypatch.setattr(sys, "stdout", Gone())
+    assert main(["run", "--list-scenes"]) == 3
+    assert capfd.readouterr() == ("", "")
+
+
+def test_without_an_output_it_runs_all_the_same(here, monkeypatch):
+    monkeypatch.setattr(sys, "stdout", None)
+    monkeypatch.setattr(sys, "stderr", None)
+    assert main(["run", "--list-scenes"]) == 0
+    assert main(["run", "--cycles", "0"]) == 2
 
 
 # ---- information ----------------------------------------------------------------------------
