@@ -12,6 +12,7 @@ from kr210_sim.grading import python2
 from kr210_sim.grading.findings import Refused
 from kr210_sim.grading.stand_ins import angles, messages, rospy, services
 from kr210_sim.grading.stand_ins import transformations as tf
+from kr210_sim.grading.stand_ins.install import _Inert
 
 FIXED = ["xyz", "xzy", "yxz", "yzx", "zxy", "zyx", "xyx", "xzx", "yxy", "yzy", "zxz", "zyz"]
 AXES = [kind + axes for kind in "sr" for axes in FIXED]
@@ -126,6 +127,78 @@ def test_a_service_is_captured_and_logs_are_kept(monkeypatch, capsys):
     assert rospy.get_name() == "/IK_server"
     assert rospy.get_param("~limit", 3) == 3
     assert (rospy.Time(3) - rospy.Time(1, 500_000_000)).to_sec() == 1.5
+
+
+def test_instants_and_spans_are_reckoned_with():
+    span = rospy.Duration(2, 250_000_000)
+    assert (span.secs, span.nsecs) == (2, 250_000_000)
+    assert (span.to_sec(), span.to_nsec(), repr(span)) == (2.25, 2_250_000_000, "2250000000")
+    later = rospy.Time.from_sec(10.5) + span
+    assert isinstance(later, rospy.Time)
+    assert later.to_sec() == 12.75
+    assert rospy.Time(10) < later > rospy.Time(12, 700_000_000)
+    assert (rospy.Duration(1) - span).to_sec() == -1.25
+    assert (rospy.Duration(-1.25).secs, rospy.Duration(-1.25).nsecs) == (-2, 750_000_000)
+
+
+def test_a_node_waits_as_long_as_it_says(monkeypatch):
+    waited = []
+    monkeypatch.setattr(rospy._time, "sleep", waited.append)
+    rospy.Rate(8.0).sleep()
+    rospy.sleep(rospy.Duration(1, 500_000_000))
+    rospy.sleep(0.75)
+    assert waited == [0.125, 1.5, 0.75]
+
+
+def test_a_node_has_parameters_and_a_command_line(monkeypatch):
+    monkeypatch.setattr(rospy, "world", rospy.World())
+    assert not rospy.has_param("~rate")
+    with pytest.raises(KeyError, match="rate"):
+        rospy.get_param("~rate")
+    rospy.set_param("~rate", 5)
+    assert rospy.has_param("~rate")
+    assert rospy.get_param("~rate", 9) == 5
+    assert rospy.get_name() == "/unnamed"
+    assert rospy.myargv(["node.py", "__name:=ik", "fast"]) == ["node.py", "fast"]
+
+
+def test_a_service_that_is_shut_down_is_offered_no_longer(monkeypatch):
+    monkeypatch.setattr(rospy, "world", rospy.World())
+    first = rospy.Service("a", services.CalculateIK, len)
+    rospy.Service("b", services.CalculateIK, abs)
+    first.shutdown("done")
+    assert rospy.world.services == [("b", services.CalculateIK, abs)]
+
+
+@pytest.mark.parametrize("axes", ["", "sxy", "qxyz", "sxxy", "sxyy", "sxyw", None])
+def test_axes_that_name_no_order_are_refused(axes):
+    with pytest.raises(KeyError):
+        tf.euler_matrix(0.1, 0.2, 0.3, axes)
+
+
+def test_vectors_are_measured_and_made_units_along_an_axis():
+    rows = np.array([[3.0, 4.0], [0.0, 2.0]])
+    np.testing.assert_allclose(tf.vector_norm(rows, axis=1), [5.0, 2.0])
+    np.testing.assert_allclose(tf.unit_vector(rows, axis=1), [[0.6, 0.8], [0.0, 1.0]])
+    out = np.zeros(2)
+    assert tf.unit_vector([0.0, -2.0], out=out) is None
+    assert out.tolist() == [0.0, -1.0]
+
+
+def test_quaternions_of_an_axis_and_of_nothing():
+    q = tf.quaternion_about_axis(0.4, [0.0, 0.0, 5.0])
+    expected = Rotation.from_rotvec([0.0, 0.0, 0.4]).as_matrix()
+    np.testing.assert_allclose(tf.quaternion_matrix(q)[:3, :3], expected, atol=1e-15)
+    assert np.array_equal(tf.quaternion_matrix([0.0, 0.0, 0.0, 0.0]), np.eye(4))
+
+
+def test_drawing_without_matplotlib_does_nothing():
+    plt = _Inert("pyplot")
+    figure, axes = plt.subplots(2)
+    axes[0].plot([1, 2], label="error").set_color("red")
+    figure.savefig("error.png")
+    with pytest.raises(AttributeError):
+        _ = plt.__all__
 
 
 # ---- Python 2 -------------------------------------------------------------------------------
