@@ -99,6 +99,32 @@ def test_what_a_solver_is_given_is_its_own():
     assert HOME[0] == 0.0
 
 
+def test_what_foreign_code_raises_is_told_in_one_line_whatever_it_is():
+    class Mute(Exception):
+        def __str__(self):
+            raise RuntimeError
+
+    source = Source(Path("mine.py"), "def solve():\n    return 1 +\n")
+
+    def told(error, **at):
+        finding = source.raised(error, **at)
+        assert finding.detail.isprintable()
+        assert len(finding.detail) <= 300
+        return finding.kind, finding.detail, finding.line, finding.source
+
+    assert told(Mute())[:2] == ("raised", "raised Mute: a Mute")
+    assert told(MemoryError())[:2] == ("memory", "asked for more memory than it may have")
+    assert told(SystemExit(Mute()))[1] == "ended the program by sys.exit(a Mute)"
+    assert told(ImportError("no x"))[0] == "import"
+    assert told(ImportError("no x"), pose=2)[0] == "raised"
+    assert told(ValueError("a\nb\x1b[31m"))[1] == "raised ValueError: a b?[31m"
+    assert told(ValueError("x" * 5000))[1].startswith("raised ValueError: xxx")
+    wrong = SyntaxError("invalid syntax", ("mine.py", 2, 5, "    return 1 +"))
+    assert told(wrong) == ("syntax", "SyntaxError: invalid syntax", 2, "    return 1 +")
+    wrong.filename = "other.py"
+    assert told(wrong)[2:] == (None, None)
+
+
 def test_a_row_of_nan_is_no_answer_where_that_is_agreed():
     assert np.isnan(asked(lambda T, q_start: np.full((3, 6), np.nan))).all()
     assert refused(lambda req: np.full((3, 6), np.nan)).kind == "nan"

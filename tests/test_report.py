@@ -15,6 +15,7 @@ from pages import HTML, SVG, assert_alone, assert_readable, linked_ids, parsed, 
 from kr210_sim.cli import main
 from kr210_sim.config import RunConfig
 from kr210_sim.exceptions import BadInput
+from kr210_sim.proof import ExactTest
 from kr210_sim.record import CycleRecord
 from kr210_sim.report import page, reading, templating
 from kr210_sim.report.reading import read_run
@@ -29,6 +30,19 @@ def page_of_three(tmp_path_factory):
     still.events = [type(DROPPED)(reason="no_path", stage="MOVE_TO_PICK", time=0.0, detail="\"'<&")]
     make_run(out, [make_record(0), make_record(1, DROPPED), still], min_success=0.9)
     return write_report(read_run(out), SCENERY)
+
+
+def test_how_a_rate_was_tested_is_told_with_what_is_still_needed():
+    exact = ExactTest(limit=0.9, confidence=0.95)
+    gate = {"proof": exact.as_json(20, 20)}
+    text = page.tested(gate)
+    assert "Clopper-Pearson, one-sided, 95" in text
+    assert f": {gate['proof']['verdict']}. The rate is at least 86" in text
+    assert text.endswith("29 cycles decide it if all that follow succeed.")
+    none_yet = page.tested({"proof": exact.as_json(0, 0)})
+    assert "at least" not in none_yet
+    assert "decided after" in page.tested({"proof": gate["proof"] | {"decided_after": 12}}).lower()
+    assert page.tested({}) == ""
 
 
 # ---- the page -------------------------------------------------------------------------------

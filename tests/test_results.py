@@ -7,6 +7,7 @@ import itertools
 import json
 import os
 import signal
+import threading
 from pathlib import Path
 
 import pytest
@@ -213,6 +214,23 @@ def test_without_an_interrupt_the_handlers_are_those_from_before():
     with one_interrupt():
         assert signal.getsignal(signal.SIGTERM) != before
     assert signal.getsignal(signal.SIGTERM) == before
+
+
+@pytest.mark.parametrize("guard", [one_interrupt, no_interrupt])
+def test_threads_leave_interrupts_to_the_main_one(guard):
+    def handlers() -> list:
+        return [signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)]
+
+    seen = []
+
+    def work() -> None:
+        with guard():
+            seen.append(handlers())
+
+    thread = threading.Thread(target=work)
+    thread.start()
+    thread.join()
+    assert seen == [handlers()]
 
 
 # ---- names ----------------------------------------------------------------------------------

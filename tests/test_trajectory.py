@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
 import pytest
 
+import ik
+from kr210_sim.exceptions import CycleFailure
 from kr210_sim.limits import MotionLimits
 from kr210_sim.path import Path
 from kr210_sim.time_law import TimeLaw
-from kr210_sim.tracks import TrackFinder
+from kr210_sim.tracks import TrackFinder, follow
 from kr210_sim.trajectory import time_path, time_paths
 
 FINE = 1e-4  # [s], ten times finer than the grid on which the code checks itself
@@ -154,6 +157,47 @@ def test_a_path_that_goes_nowhere_takes_no_time(robot, limits):
 
 def test_a_time_law_of_no_distance_takes_no_time():
     assert TimeLaw(0.0, 1.0, 1.0, 1.0).duration == 0.0
+
+
+@pytest.mark.parametrize("limits", [(0.0, 1.0, 1.0), (1.0, -1.0, 1.0), (1.0, 1.0, np.nan)])
+def test_limits_that_allow_no_motion_have_no_time_law(limits):
+    with pytest.raises(ValueError, match="no time law"):
+        TimeLaw(1.0, *limits)
+
+
+# ---- straight on along poses ----------------------------------------------------------------
+
+
+def along_x(robot, q, *distances: float) -> np.ndarray:
+    """Return poses of the palm at a configuration, moved along the base's x [m]."""
+    T = np.tile(ik.forward(robot.geometry, q), (len(distances), 1, 1))
+    T[:, 0, 3] += distances
+    return T
+
+
+BENT = np.array([0.1, 0.2, -0.3, 0.4, 0.6, 0.5])
+
+
+def test_a_straight_line_is_followed_on_the_same_branch_and_turns(robot):
+    begin = BENT - 2 * np.pi * np.eye(6)[3]
+    poses = along_x(robot, BENT, *np.linspace(0.0, -0.1, 11))
+    q = follow(robot, poses, begin)
+    np.testing.assert_allclose(q[0], begin, atol=1e-9)
+    assert np.max(np.abs(np.diff(q, axis=0))) < 0.1
+    np.testing.assert_allclose(ik.forward(robot.geometry, q), poses, atol=1e-9)
+
+
+def test_a_straight_line_that_cannot_be_followed_says_why(robot):
+    with pytest.raises(CycleFailure, match="out of reach") as far:
+        follow(robot, along_x(robot, BENT, 0.0, 5.0), BENT)
+    assert far.value.reason == "unreachable"
+    with pytest.raises(CycleFailure, match="continuous") as jump:
+        follow(robot, along_x(robot, BENT, 0.0, -1.0), BENT)
+    assert jump.value.reason == "no_path"
+    low = replace(robot, upper=np.array([np.pi, BENT[1] - 0.1, *robot.upper[2:]]))
+    with pytest.raises(CycleFailure, match="limit") as limit:
+        follow(low, along_x(robot, BENT, 0.0, -0.01), BENT)
+    assert limit.value.reason == "joint_limits"
 
 
 # ---- chains of random waypoints under random limits -----------------------------------------

@@ -89,9 +89,9 @@ class Source:
             if frame.filename == self.path
         ]
         number = lines[-1] if lines else None
-        kind, what = "raised", f"raised {type(error).__name__}: {error}"
+        kind, what = "raised", f"raised {type(error).__name__}: {_text(error)}"
         if isinstance(error, SyntaxError):
-            kind, what = "syntax", f"{type(error).__name__}: {error.msg}"
+            kind, what = "syntax", f"{type(error).__name__}: {_text(error.msg)}"
             number = error.lineno if error.filename == self.path else number
         elif isinstance(error, SystemExit):
             kind, what = "exit", f"ended the program by sys.exit({_short(error.code)})"
@@ -104,12 +104,15 @@ class Source:
         )
 
 
+def _text(value: object) -> str:
+    try:
+        return str(value)[:2000]
+    except BaseException:  # foreign objects may fail at anything
+        return f"a {type(value).__name__}"
+
+
 def _short(value: object) -> str:
     """Return a value as one line of at most 300 printable characters."""
-    try:
-        text = str(value)[:2000]
-    except Exception:  # foreign objects may fail at anything
-        text = f"a {type(value).__name__}"
-    text = " ".join(text.split())
+    text = " ".join(_text(value).split())
     text = "".join(sign if sign.isprintable() else "?" for sign in text)
     return text if len(text) <= 300 else f"{text[:200]} ... {text[-80:]}"
