@@ -22,6 +22,7 @@ from kr210_sim.config import RunConfig
 from kr210_sim.cycle import CycleSetup, Probe, run_cycle
 from kr210_sim.description import Description, load_description
 from kr210_sim.episodes import TARGET_LENGTH
+from kr210_sim.exceptions import BadInput
 from kr210_sim.limits import MotionLimits
 from kr210_sim.mjcf import robot_spec
 from kr210_sim.robot import Robot, bundled_robot, find_robot
@@ -29,6 +30,7 @@ from kr210_sim.runner import run
 from kr210_sim.scene import Scene, Target, build_scene, find_scene
 from kr210_sim.score import CycleScore, score_cycle
 from kr210_sim.simulation import Simulation
+from kr210_sim.video import find_gl
 
 TURNED_2X2 = Path(__file__).parent / "scenes" / "turned_2x2.xml"
 
@@ -140,6 +142,15 @@ def default_run(tmp_path_factory: pytest.TempPathFactory) -> Run:
     part.write_bytes(pickle.dumps(made))
     part.rename(done)
     return made
+
+
+@pytest.fixture(scope="session")
+def gl() -> str:
+    """The backend of OpenGL that films are drawn with."""
+    try:
+        return find_gl()
+    except BadInput as error:
+        pytest.skip(f"needs OpenGL: {error}")
 
 
 def densified(corners: np.ndarray, step: float = 0.012) -> np.ndarray:

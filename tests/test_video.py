@@ -27,20 +27,12 @@ from kr210_sim.film.views import aim
 from kr210_sim.film.worker import Job
 from kr210_sim.playback import load_world
 from kr210_sim.results import read_lines
-from kr210_sim.video import INSTALL_LINE, draw_stills, film_run, find_gl, moments_of
+from kr210_sim.video import INSTALL_LINE, draw_stills, film_run, moments_of
 
 SIZE = (320, 180)
 DOOR = "import sys; from kr210_sim.cli import main; sys.exit(main())"
 NO_GL = {"__EGL_VENDOR_LIBRARY_DIRS": "/nowhere", "__EGL_VENDOR_LIBRARY_FILENAMES": "/nowhere"}
 """Environment in which EGL finds no driver."""
-
-
-@pytest.fixture(scope="session")
-def gl() -> str:
-    try:
-        return find_gl()
-    except BadInput as error:
-        pytest.skip(f"needs OpenGL: {error}")
 
 
 @pytest.fixture
