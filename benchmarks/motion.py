@@ -106,7 +106,7 @@ def default_cycles(
             rows.append(look(f"cycle {len(rows)}", simulation, target, setup, None))
 
     for episode in plan_episodes(config, scene):
-        for _ in run_episode(scene, episode, mass=config.mass, limits=setup.limits, probe=plan):
+        for _ in run_episode(scene, episode, setup, mass=config.mass, probe=plan):
             pass
     yield from rows
 

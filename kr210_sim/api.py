@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -12,10 +12,16 @@ from kr210_sim import motions
 from kr210_sim.collision import MujocoOracle
 from kr210_sim.config import RunConfig
 from kr210_sim.episode_files import score_episode, silence_mujoco
-from kr210_sim.episodes import episode_size, episode_targets, load_world, plan_episode, solver_of
+from kr210_sim.episodes import (
+    episode_size,
+    episode_targets,
+    load_world,
+    plan_episode,
+    setup_of,
+    solver_of,
+)
 from kr210_sim.exceptions import BadInput
-from kr210_sim.limits import MotionLimits
-from kr210_sim.motions import CycleSetup, TimedMotion
+from kr210_sim.motions import TimedMotion
 from kr210_sim.options import read_options
 from kr210_sim.record import load_series
 from kr210_sim.results import CONFIG, SUMMARY, finished_cycles, record_path
@@ -51,17 +57,8 @@ def plan_cycle(config: RunConfig, scene: Scene) -> list[TimedMotion]:
     simulation.add(target)
     variation.prepare(simulation, target)
     with solver_of(config, scene.robot) as solver:
-        setup = CycleSetup(
-            cycle=0,
-            episode=0,
-            seed=episode.seeds[0],
-            limits=MotionLimits.from_velocity(scene.robot.velocity, config.speed),
-            solver=solver,
-            scope=config.scope,
-            clearance=config.clearance,
-            variation=variation,
-            retries=config.retries,
-        )
+        common = setup_of(config, scene, solver)
+        setup = replace(common, seed=episode.seeds[0], variation=variation)
         believed = variation.believed(target, scene)
         oracle = MujocoOracle(simulation, scene, believed)
         return motions.plan_cycle(simulation, believed, setup, oracle)[1]

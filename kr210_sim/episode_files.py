@@ -19,10 +19,10 @@ from kr210_sim.episodes import (
     last_cycle,
     load_world,
     run_episode,
+    setup_of,
     solver_of,
 )
 from kr210_sim.interrupts import no_interrupt
-from kr210_sim.limits import MotionLimits
 from kr210_sim.mjcf_files import save_model
 from kr210_sim.playback import episode_world
 from kr210_sim.record import CycleRecord, Event, save_record, unplayed_record
@@ -133,13 +133,9 @@ def score_episode(
         yield from run_episode(
             scene,
             episode,
+            setup_of(config, scene, solver),
             mass=config.mass,
-            limits=MotionLimits.from_velocity(scene.robot.velocity, config.speed),
-            solver=solver,
-            scope=config.scope,
-            clearance=config.clearance,
             randomization=block,
-            retries=config.retries,
             probe=onlooker,
         )
 

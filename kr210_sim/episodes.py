@@ -11,7 +11,6 @@ import numpy as np
 
 import ik
 from kr210_sim.config import RunConfig
-from kr210_sim.criteria import CLEARANCE_FREE
 from kr210_sim.cycle import CycleSetup, run_cycle
 from kr210_sim.draws import Draws
 from kr210_sim.exceptions import BadInput
@@ -191,23 +190,41 @@ def episode_targets(
     return varied + [(target, Variation()) for target in targets[len(picked) :]]
 
 
+def setup_of(config: RunConfig, scene: Scene, solver: Solver | None) -> CycleSetup:
+    """Return what the options of a run say of all its cycles; what tells them apart is 0."""
+    return CycleSetup(
+        cycle=0,
+        episode=0,
+        seed=0,
+        limits=MotionLimits.from_velocity(scene.robot.velocity, config.speed),
+        solver=solver,
+        scope=config.scope,
+        clearance=config.clearance,
+        retries=config.retries,
+    )
+
+
 def run_episode(
     scene: Scene,
     episode: Episode,
+    common: CycleSetup,
     *,
     mass: float,
-    limits: MotionLimits,
-    solver: Solver | None = None,
-    scope: str | None = None,
-    clearance: float = CLEARANCE_FREE,
     randomization: Randomization | None = None,
-    retries: int = 0,
     probe: Probe | None = None,
 ) -> Iterator[CycleScore]:
     """Run the cycles of one episode, yielding each score as it is finished.
 
     A target that was placed stays in the bin. A cycle that failed leaves no trace: its target is
     taken away and everything else is put back as it was when the cycle began, the robot at home.
+
+    Args:
+        scene: with its robot.
+        episode: of a run.
+        common: what all cycles share, as `setup_of` returns it.
+        mass: of every target [kg].
+        randomization: what is random in a cycle.
+        probe: looks on at every record step.
     """
     simulation = Simulation(scene)
     targets = episode_targets(scene, episode, mass, randomization)
@@ -217,16 +234,12 @@ def run_episode(
     for index, (target, variation) in enumerate(targets[: len(episode.cells)]):
         if not episode.all_from_start:
             simulation.add(target)
-        setup = CycleSetup(
+        setup = replace(
+            common,
             cycle=episode.first_cycle + index,
             episode=episode.index,
             seed=episode.seeds[index],
-            limits=limits,
-            solver=solver,
-            scope=scope,
-            clearance=clearance,
             variation=variation,
-            retries=retries,
         )
         record = run_cycle(simulation, target, setup, probe=probe)
         score = score_cycle(record, time_limit=scene.time_limit)

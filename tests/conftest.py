@@ -18,6 +18,7 @@ import pytest
 
 import kr210_sim.episodes
 import kr210_sim.loading
+from kr210_sim.cli import main
 from kr210_sim.config import RunConfig
 from kr210_sim.cycle import CycleSetup, Probe, run_cycle
 from kr210_sim.description import Description, load_description
@@ -151,6 +152,15 @@ def gl() -> str:
         return find_gl()
     except BadInput as error:
         pytest.skip(f"needs OpenGL: {error}")
+
+
+def refused(capfd: pytest.CaptureFixture[str], *words: str) -> str:
+    """Return the one line that `kr210-sim view` refuses these words with."""
+    assert main(["view", *words]) == 2
+    out, err = capfd.readouterr()
+    assert out == ""
+    assert err.count("\n") == 1
+    return err
 
 
 def densified(corners: np.ndarray, step: float = 0.012) -> np.ndarray:

@@ -6,12 +6,17 @@ import numpy as np
 import pytest
 from conftest import standing_target
 
-from kr210_sim.cycle import GRIP_STEADY
+from kr210_sim.cycle import GRIP_STEADY, CycleSetup
 from kr210_sim.episodes import Episode, run_episode
 from kr210_sim.monitor import GRIP_READY
 from kr210_sim.record import RECORD_STEP, STAGES
 from kr210_sim.scene import Target
 from kr210_sim.simulation import Simulation
+
+
+@pytest.fixture
+def common(limits) -> CycleSetup:
+    return CycleSetup(cycle=0, episode=0, seed=0, limits=limits)
 
 
 def assert_equal_but_for_the_clock(one, other) -> None:
@@ -79,7 +84,7 @@ def test_a_target_of_ten_kilograms_is_carried_like_any_other(one_cycle, scene):
 @pytest.mark.parametrize(
     "cells", [(4,), pytest.param((1, 2, 3, 4), marks=pytest.mark.slow)], ids=["one", "all"]
 )
-def test_a_scene_nobody_tuned_for_passes(turned_scene, limits, cells):
+def test_a_scene_nobody_tuned_for_passes(turned_scene, common, cells):
     episode = Episode(
         index=0,
         first_cycle=0,
@@ -87,7 +92,7 @@ def test_a_scene_nobody_tuned_for_passes(turned_scene, limits, cells):
         cells=cells,
         all_from_start=True,
     )
-    for score in run_episode(turned_scene, episode, mass=1.0, limits=limits):
+    for score in run_episode(turned_scene, episode, common, mass=1.0):
         assert score.success, (score.record.cell, score.cause)
         assert np.max(score.ik_offset_m) <= 1e-12
         assert np.max(score.tracking_offset_m) <= 2e-3
@@ -140,7 +145,7 @@ def wreck(kind: str):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", ["numbers", pytest.param("arm", marks=pytest.mark.slow)])
-def test_a_failed_cycle_leaves_the_next_as_if_it_had_not_been(scene, limits, default_run, kind):
+def test_a_failed_cycle_leaves_the_next_as_if_it_had_not_been(scene, common, default_run, kind):
     """The cycle after it is, to the last bit, the first one of the default run."""
     first = default_run.scores[0]
     episode = Episode(
@@ -150,9 +155,7 @@ def test_a_failed_cycle_leaves_the_next_as_if_it_had_not_been(scene, limits, def
         cells=(5, first.record.cell),
         all_from_start=False,
     )
-    scores = [
-        score for score in run_episode(scene, episode, mass=1.0, limits=limits, probe=wreck(kind))
-    ]
+    scores = [score for score in run_episode(scene, episode, common, mass=1.0, probe=wreck(kind))]
     assert not scores[0].success
     assert scores[1].success, scores[1].cause
     for name, values in first.record.series.items():
@@ -185,7 +188,7 @@ def test_a_failed_cycle_does_not_disturb_what_lies_in_the_bin(scene, one_cycle):
 # ---- twice over -----------------------------------------------------------------------------
 
 
-def test_the_same_seed_gives_the_same_bits(default_run, scene, limits):
+def test_the_same_seed_gives_the_same_bits(default_run, scene, common):
     """The first two cycles of the default run again, in an episode of two, with a looker-on."""
     records = [score.record for score in default_run.scores[:2]]
     episode = Episode(
@@ -200,7 +203,7 @@ def test_the_same_seed_gives_the_same_bits(default_run, scene, limits):
     def look(simulation: Simulation, _stage: str, _time: float) -> None:
         seen.append(float(simulation.data.qpos.sum()))
 
-    again = run_episode(scene, episode, mass=1.0, limits=limits, probe=look)
+    again = run_episode(scene, episode, common, mass=1.0, probe=look)
     for first, second in zip(default_run.scores[:2], again, strict=True):
         assert_equal_but_for_the_clock(first, second)
     assert len(seen) == sum(len(record.series["time"]) for record in records)

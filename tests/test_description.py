@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import xml.etree.ElementTree as ET
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -215,22 +216,12 @@ def test_a_refused_xacro_does_not_spoil_the_next(tmp_path, description):
     assert again.urdf_text == description.urdf_text
 
 
-def set_limit(**values: str) -> Callable[[ET.Element], None]:
-    def change(robot: ET.Element) -> None:
-        limit = robot.find("joint[@name='joint_3']/limit")
-        for name, value in values.items():
-            limit.set(name, value)
-
-    return change
+def set_on(path: str, **values: str) -> Callable[[ET.Element], None]:
+    return lambda robot: robot.find(path).attrib.update(values)
 
 
-def set_inertia(**values: str) -> Callable[[ET.Element], None]:
-    def change(robot: ET.Element) -> None:
-        inertia = robot.find("link[@name='link_3']/inertial/inertia")
-        for name, value in values.items():
-            inertia.set(name, value)
-
-    return change
+set_limit = partial(set_on, "joint[@name='joint_3']/limit")
+set_inertia = partial(set_on, "link[@name='link_3']/inertial/inertia")
 
 
 def set_mass(value: str) -> Callable[[ET.Element], None]:

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from conftest import refused
 
 import kr210_sim.verify
 from kr210_sim.cli import main
@@ -167,14 +168,6 @@ def test_an_episode_gives_the_same_bits_when_it_is_simulated_again(tmp_path, cap
 
 
 # ---- bad input ------------------------------------------------------------------------------
-
-
-def refused(capfd, *words: str) -> str:
-    assert main(["view", *words]) == 2
-    out, err = capfd.readouterr()
-    assert out == ""
-    assert err.count("\n") == 1
-    return err
 
 
 def test_a_cycle_that_is_not_there_is_refused(default_run, capfd):

@@ -13,9 +13,8 @@ import trimesh
 
 from kr210_sim.config import RunConfig
 from kr210_sim.criteria import CONDITIONS
-from kr210_sim.episodes import load_world, plan_episodes, run_episode
+from kr210_sim.episodes import load_world, plan_episodes, run_episode, setup_of
 from kr210_sim.exceptions import BadInput
-from kr210_sim.limits import MotionLimits
 from kr210_sim.record import SERIES, load_series
 from kr210_sim.resources import resource
 from kr210_sim.runner import run
@@ -110,9 +109,9 @@ def test_with_all_cells_a_target_stands_in_every_one_from_the_start(hasty_2x2, c
     def count(simulation, _stage, _time):
         seen.append(len(simulation.targets))
 
-    limits = MotionLimits.from_velocity(scene.robot.velocity)
     episode = next(iter(plan_episodes(config, scene)))
-    next(iter(run_episode(scene, episode, mass=1.0, limits=limits, probe=count)))
+    common = setup_of(config, scene, None)
+    next(iter(run_episode(scene, episode, common, mass=1.0, probe=count)))
     assert seen[0] == len(scene.cells)
 
 

@@ -9,9 +9,9 @@ import sys
 import mujoco
 import numpy as np
 import pytest
+from conftest import refused
 
 import ik
-from kr210_sim.cli import main
 from kr210_sim.exceptions import BadInput
 from kr210_sim.scene import ROBOT_PREFIX
 from kr210_sim.source import RobotSource
@@ -254,14 +254,6 @@ def test_text_from_files_is_no_html():
 
 
 # ---- the command line -----------------------------------------------------------------------
-
-
-def refused(capfd, *words: str) -> str:
-    assert main(["view", *words]) == 2
-    out, err = capfd.readouterr()
-    assert out == ""
-    assert err.count("\n") == 1
-    return err
 
 
 def test_a_port_in_use_is_refused_in_one_line(capfd):

@@ -45,8 +45,8 @@ class Exercise:
         answer: what it returns, with units and frames.
         page: of the course that teaches it.
         cases: that are asked.
-        shape: of an answer; None where the judge looks at it.
         entries: names of an answer's rows and columns.
+        any_shape: whether the judge looks at the shape of an answer; else it is the right one's.
         judge: of an answer.
         whole: makes a whole solver's answer of it, for a diagnosis; None where that tells nothing.
     """
@@ -55,8 +55,8 @@ class Exercise:
     answer: str
     page: str
     cases: Cases
-    shape: tuple[int, ...] | None
     entries: tuple[tuple[str, ...], ...] = ()
+    any_shape: bool = False
     judge: judges.Judge = judges.close
     whole: judges.Whole | None = None
 
@@ -74,8 +74,6 @@ class Exercise:
         """Return what a reader calls an entry of an answer."""
         if len(self.entries) == len(index):
             return ", ".join(names[i] for names, i in zip(self.entries, index, strict=True))
-        if self.shape == (1,):
-            return "it"
         return ", ".join(f"{a} {i + 1}" for a, i in zip(("row", "column"), index, strict=False))
 
 
@@ -85,7 +83,6 @@ EXERCISES = (
         answer="rows (x, y, z, axis x, axis y, axis z) of joint_1 to joint_6 and gripper_joint [m]",
         page="01-joint-table.md",
         cases=asked.joint_table,
-        shape=(7, 6),
         entries=((*_JOINTS, "gripper_joint"), (*_XYZ, *_AXES)),
     ),
     Exercise(
@@ -93,7 +90,6 @@ EXERCISES = (
         answer="7 rows (alpha_(i-1), a_(i-1), d_i, theta_i at q = 0) [rad, m]",
         page="02-dh-frames.md",
         cases=asked.dh_table,
-        shape=(7, 4),
         entries=(_ROWS, ("alpha", "a", "d", "theta")),
         judge=judges.same_table,
     ),
@@ -102,14 +98,12 @@ EXERCISES = (
         answer="T_(i-1)_i (4, 4) of one row",
         page="03-transforms.md",
         cases=asked.transform,
-        shape=(4, 4),
     ),
     Exercise(
         call="total_transform(q)",
         answer="T_0_7 (4, 4) of joint angles (6,) [rad]",
         page="03-transforms.md",
         cases=asked.total,
-        shape=(4, 4),
     ),
     Exercise(
         call="rotation(quaternion_xyzw)",
@@ -118,7 +112,6 @@ EXERCISES = (
         cases=asked.of_poses(
             lambda robot, T: ((Rotation.from_matrix(T[:3, :3]).as_quat(),), T[:3, :3])
         ),
-        shape=(3, 3),
         whole=judges.from_rotation,
     ),
     Exercise(
@@ -126,7 +119,6 @@ EXERCISES = (
         answer="T_0_7 (4, 4): the same pose with the axes of the DH table",
         page="04-gripper-frame.md",
         cases=asked.of_poses(lambda robot, T: ((T,), asked.T_0_7_of(robot, T))),
-        shape=(4, 4),
         whole=judges.from_dh_pose,
     ),
     Exercise(
@@ -136,7 +128,6 @@ EXERCISES = (
         cases=asked.of_poses(
             lambda robot, T: ((asked.T_0_7_of(robot, T),), ik.wrist_center(robot.geometry, T))
         ),
-        shape=(3,),
         entries=(_XYZ,),
         whole=judges.from_center,
     ),
@@ -147,7 +138,6 @@ EXERCISES = (
         cases=asked.of_poses(
             lambda robot, T: ((ik.wrist_center(robot.geometry, T),), asked.front(robot, T)[:3])
         ),
-        shape=(3,),
         entries=(("theta 1", "theta 2", "theta 3"),),
         judge=judges.reaches_center,
         whole=judges.from_first_three,
@@ -162,7 +152,6 @@ EXERCISES = (
                 asked.front(robot, T)[3:],
             )
         ),
-        shape=(3,),
         entries=(("theta 4", "theta 5", "theta 6"),),
         judge=judges.reaches_rotation,
         whole=judges.from_last_three,
@@ -174,7 +163,7 @@ EXERCISES = (
         cases=asked.of_poses(
             lambda robot, T: ((asked.T_0_7_of(robot, T),), asked.branches(robot, T))
         ),
-        shape=None,
+        any_shape=True,
         judge=judges.has_all,
     ),
     Exercise(
@@ -182,7 +171,6 @@ EXERCISES = (
         answer="(6,): q plus whole turns, within limits, each angle next to q_before [rad]",
         page="08-branches-and-turns.md",
         cases=asked.turns,
-        shape=(6,),
         entries=(_JOINTS,),
     ),
     Exercise(
@@ -190,7 +178,7 @@ EXERCISES = (
         answer="(N, 6) for poses (N, 4, 4), the arm standing at q_start (6,) [rad]",
         page="08-branches-and-turns.md",
         cases=asked.legs,
-        shape=None,
+        any_shape=True,
         judge=judges.follows,
         whole=lambda robot, case, answer: answer,
     ),
@@ -199,7 +187,6 @@ EXERCISES = (
         answer="distance of the wrist center from axis 1 [m], |sin gamma|, |sin theta 5|",
         page="09-singularities.md",
         cases=asked.singularity,
-        shape=(3,),
         entries=(("shoulder", "elbow", "wrist"),),
     ),
     Exercise(
@@ -207,14 +194,14 @@ EXERCISES = (
         answer="least time from rest to rest [s]",
         page="11-motion.md",
         cases=asked.times,
-        shape=(1,),
+        entries=(("it",),),
     ),
     Exercise(
         call="proved_rate(cycles)",
         answer="lower end of the exact 95 % interval when all of them succeed [1]",
         page="12-ten-of-ten.md",
         cases=asked.proofs,
-        shape=(1,),
+        entries=(("it",),),
     ),
 )
 """In the order of the course."""
@@ -283,7 +270,9 @@ def check_step(
         with closing(FunctionProcess(named, limits)) as process:
             try:
                 for case in cases:
-                    answer = _shaped(process.call(case.arguments), exercise.shape)
+                    answer = process.call(case.arguments)
+                    if not exercise.any_shape:
+                        answer = _shaped(answer, case.wanted.shape)
                     error, text = exercise.judge(robot, case, answer, exercise.entry)
                     if not (finding or error <= judges.TOLERANCE):
                         finding, asked = f"{case.title}: {text}", _call_text(exercise, case)
@@ -320,14 +309,12 @@ def _call_text(exercise: Exercise, case: Case) -> str:
     return text if len(text) <= _LONGEST_CALL else f"{exercise.name}(...), {case.title}"
 
 
-def _shaped(answer: Array, shape: tuple[int, ...] | None) -> Array:
+def _shaped(answer: Array, shape: tuple[int, ...]) -> Array:
     """Return an answer in the shape that is wanted, where it differs by rows of one alone.
 
     Raises:
         Refused: if it has another.
     """
-    if shape is None or answer.shape == shape:
-        return answer
     if np.squeeze(answer).shape == tuple(count for count in shape if count != 1):
         return answer.reshape(shape)
     detail = f"answered an array of shape {answer.shape}, wanted {shape}"
@@ -342,13 +329,13 @@ def _diagnoses(
         return []
     legs = []
     for case, answer in zip(cases, answers, strict=False):
-        if exercise.shape is None and answer.shape != (len(case.T), 6):
+        if exercise.any_shape and answer.shape != (len(case.T), 6):
             continue
         q = exercise.whole(robot, case, answer)
         if np.isfinite(q).all():
             legs.append((case.T, q[0], q))
     # A part of an answer may be right in a branch that is not within limits.
-    lower, upper = (robot.lower, robot.upper) if exercise.shape is None else (-_FREE, _FREE)
+    lower, upper = (robot.lower, robot.upper) if exercise.any_shape else (-_FREE, _FREE)
     found = diagnose(legs, lower, upper, arm=robot.geometry)
     return [item.as_json() for item in found if item.key != "unexplained"]
 

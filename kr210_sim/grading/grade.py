@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Callable, Sequence
 from contextlib import closing
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from functools import lru_cache
 from typing import Any
 
@@ -16,14 +16,13 @@ from kr210_sim import __version__
 from kr210_sim.arrays import Array
 from kr210_sim.config import RunConfig
 from kr210_sim.episode_files import silence_mujoco
-from kr210_sim.episodes import load_world, plan_episodes, run_episode
+from kr210_sim.episodes import load_world, plan_episodes, run_episode, setup_of
 from kr210_sim.exceptions import BadInput
 from kr210_sim.grading.diagnosis import diagnose
 from kr210_sim.grading.findings import Finding, Refused
 from kr210_sim.grading.foreign import Asked, ForeignSolver
 from kr210_sim.grading.poses import Leg, LegMarks, mark_leg, rows_of, summarize_marks
 from kr210_sim.grading.source import FRAMES, SCOPES, SolverLimits, SolverSource
-from kr210_sim.limits import MotionLimits
 from kr210_sim.record import stage_label
 from kr210_sim.robot import Robot
 from kr210_sim.scene import Scene
@@ -187,16 +186,10 @@ class _Grading:
     def drive(self, on_cycle: OnCycle) -> None:
         """Run the cycles."""
         config, run_config = self._config, self._config.run_config()
-        limits = MotionLimits.from_velocity(self._scene.robot.velocity, run_config.speed)
+        common = setup_of(run_config, self._scene, self.solver)
+        setup = replace(common, scope=config.scope)
         for episode in plan_episodes(run_config, self._scene):
-            for score in run_episode(
-                self._scene,
-                episode,
-                mass=run_config.mass,
-                limits=limits,
-                solver=self.solver,
-                scope=config.scope,
-            ):
+            for score in run_episode(self._scene, episode, setup, mass=run_config.mass):
                 line = score.as_json()
                 self._cycles.append(line)
                 self._requests = 0
