@@ -33,7 +33,7 @@ class GeomPairs:
     """
 
     def __init__(
-        self, model: mujoco.MjModel, data: mujoco.MjData, part: NDArray[np.int64], far: float
+        self, model: mujoco.MjModel, data: mujoco.MjData, part: NDArray[np.int64], far: Array
     ) -> None:
         """Find the pairs.
 
@@ -41,9 +41,9 @@ class GeomPairs:
             model: the world.
             data: its state, from which the poses of what is fixed are taken.
             part: (ngeom,) 0 what is fixed, else the number of the moving part.
-            far: pairs further apart do not count [m].
+            far: (G, G) by two such numbers: pairs further apart do not count [m].
         """
-        self._model, self._far = model, far
+        self._model = model
         solid = (model.geom_contype != 0) | (model.geom_conaffinity != 0)
         moving, fixed = np.flatnonzero(solid & (part > 0)), np.flatnonzero(solid & (part == 0))
         self._moving = moving = moving[np.argsort(part[moving], kind="stable")]
@@ -67,6 +67,8 @@ class GeomPairs:
         order = np.argsort(bundle, kind="stable")
         self._pairs, bundle = pairs[order].T, bundle[order]
         self.geoms = geoms[self._pairs.T]
+        self._far = far[*part[self.geoms.T]]
+        self._far_fixed, self._far_parts = far[names, 0], far[names[self._one], names[self._other]]
         self._count = np.bincount(bundle, minlength=parts * len(fixed) + len(self._one))
         self._first = np.cumsum(self._count) - self._count
         self._with_fixed = self._count[: parts * len(fixed)].reshape(parts, -1) > 0
@@ -81,10 +83,10 @@ class GeomPairs:
         """
         moving = self._boxes(position, rotation, self._moving)
         parts = np.minimum.reduceat(moving, self._begin, axis=2)
-        near = _gaps(parts[..., None], self._fixed[:, :, None]) < self._far**2
-        row, part, box = np.nonzero(near & self._with_fixed)
-        near = _gaps(parts[:, :, self._one], parts[:, :, self._other]) < self._far**2
-        at, both = np.nonzero(near & self._with_part)
+        wide = (parts - self._far_fixed)[..., None]
+        row, part, box = np.nonzero(_meet(wide, self._fixed[:, :, None]) & self._with_fixed)
+        wide = parts[:, :, self._one] - self._far_parts
+        at, both = np.nonzero(_meet(wide, parts[:, :, self._other]) & self._with_part)
         bundle = np.append(part * self._fixed.shape[2] + box, self._with_fixed.size + both)
         count = self._count[bundle]
         row = np.repeat(np.append(row, at), count)
@@ -94,12 +96,15 @@ class GeomPairs:
         boxes = np.concatenate([moving, fixed], axis=2)
         one, other = self._pairs[:, pair] + row * boxes.shape[2]
         boxes = boxes.reshape(6, -1)
-        above, below = _asides(np.take(boxes, one, axis=1), np.take(boxes, other, axis=1))
+        one, other = np.take(boxes, one, axis=1), np.take(boxes, other, axis=1)
+        above, below = one[:3] + other[3:], one[3:] + other[:3]  # along each axis of the world
         aside = np.maximum(np.maximum(above, below), 0.0)
-        squared = np.sum(aside * aside, axis=0)
-        keep = np.flatnonzero(squared < self._far**2)
-        squared, aside = squared[keep], np.where(above > below, aside, -aside)[:, keep]
+        squared = aside * aside
+        squared = squared[0] + squared[1] + squared[2]
+        keep = np.flatnonzero(squared < self._far[pair] ** 2)
+        squared, aside = squared[keep], aside[:, keep]
         distance = np.sqrt(squared)
+        aside = np.where(above[:, keep] > below[:, keep], aside, -aside)
         direction = (aside / np.maximum(distance, 1e-12)).T
         # Geoms in boxes that overlap may be deep in each other.
         return row[keep], pair[keep], np.where(squared > 0.0, distance, -np.inf), direction
@@ -120,7 +125,7 @@ class GeomPairs:
         asked = asked[np.argsort(rows[asked], kind="stable")]
         geoms = self.geoms[pairs[asked]].tolist()
         exact, ends = np.empty(len(asked)), np.zeros((len(asked), 6))
-        model, far, distance, posed = self._model, self._far, mujoco.mj_geomDistance, -1
+        model, far, distance, posed = self._model, float(np.max(self._far)), mujoco.mj_geomDistance, -1
         for index, (row, (one, other)) in enumerate(zip(rows[asked].tolist(), geoms, strict=True)):
             if row != posed:
                 data.geom_xpos[:], data.geom_xmat[:] = poses[0][row], poses[1][row]
@@ -131,24 +136,24 @@ class GeomPairs:
 
     def _boxes(self, position: Array, rotation: Array, geoms: NDArray[np.int64]) -> Array:
         """Return boxes along the world's axes around geoms (6, B, n): lower ends, -upper [m]."""
-        turn = rotation[:, geoms].reshape(len(rotation), -1, 3, 3)
-        center = position[:, geoms] + (turn @ self._middle[geoms][..., None])[..., 0]
-        half = (np.abs(turn) @ self._half[geoms][..., None])[..., 0]
-        ends = np.concatenate([center - half, -center - half], axis=2)
-        return np.ascontiguousarray(np.moveaxis(ends, 2, 0))
+        # Three products of columns are several times quicker than stacks of small matrices.
+        columns = rotation[:, geoms].reshape(len(rotation), -1, 3, 3).transpose(3, 2, 0, 1)
+        middle, half = self._middle[geoms].T, self._half[geoms].T
+        x, y, z = columns
+        center = position[:, geoms].transpose(2, 0, 1)
+        center = center + (x * middle[0] + y * middle[1] + z * middle[2])
+        x, y, z = np.abs(columns)
+        size = x * half[0] + y * half[1] + z * half[2]
+        return np.concatenate([center - size, -center - size])
 
 
-def _asides(one: Array, other: Array) -> tuple[Array, Array]:
-    """Return how far (3, ...) boxes are above others along each axis, and how far below [m]."""
-    return one[:3] + other[3:], one[3:] + other[:3]
-
-
-def _gaps(one: Array, other: Array) -> Array:
-    """Return the squares of the distances between boxes (6, ...) as `_boxes` returns them [m2]."""
-    aside = np.maximum(*_asides(one, other))
-    np.maximum(aside, 0.0, out=aside)
-    aside *= aside
-    return np.asarray(aside[0] + aside[1] + aside[2])
+def _meet(wide: Array, other: Array) -> NDArray[np.bool_]:
+    """Return whether boxes (6, ...) of `_boxes`, one of them widened, overlap along each axis."""
+    beyond = -other
+    meets = wide[0] < beyond[3]
+    for end in range(1, 6):
+        meets &= wide[end] < beyond[(end + 3) % 6]
+    return np.asarray(meets)
 
 
 def _may_collide(model: mujoco.MjModel, pairs: NDArray[np.int64]) -> NDArray[np.bool_]:

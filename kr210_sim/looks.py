@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from kr210_sim import pairs
 from kr210_sim.arrays import Array
 from kr210_sim.distances import GeomPairs
-from kr210_sim.pairs import BASE, FIXED, FIXTURE, GROUPS, HAND, NEAR, Seen
+from kr210_sim.pairs import BASE, FIXED, FIXTURE, GROUPS, HAND, NEAR, NEAR_SELF, Seen
 from kr210_sim.scene import ROBOT_PREFIX, Scene, Target
 from kr210_sim.simulation import Simulation
 
@@ -50,7 +50,9 @@ class Eyes:
         mujoco.mj_kinematics(model, self._data)
         # What may be held is a part of its own.
         part = np.where(self._role == pairs.TARGET, GROUPS, self._group)
-        self._pairs = GeomPairs(model, self._data, part, NEAR)
+        far = np.full((GROUPS + 1, GROUPS + 1), NEAR)
+        far[BASE:GROUPS, BASE:GROUPS] = NEAR_SELF
+        self._pairs = GeomPairs(model, self._data, part, far)
         sorts = (self._role * GROUPS + self._group)[self._pairs.geoms]
         self._kind, self._pair = (table[:, *sorts.T] for table in pairs.tables())
         # Of hand or target and what is fixed, the one that may be carried.
