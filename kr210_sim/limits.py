@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -18,6 +19,7 @@ JERK_TIME = 0.05
 _INSTANT = 1e-9  # [s]
 _STEP = 1 / 125  # of samples of a motion, as a share of the time to accelerate to full speed
 _PEAK = 0.98  # share of the greatest value that a peak must have to be looked at closely
+_FLAT = 1e-9  # curvature over a step below which nothing is hidden between the samples
 _ASIDE = np.delete(np.linspace(-0.9, 0.9, 19), 9)  # in steps
 
 
@@ -34,6 +36,11 @@ class MotionLimits:
     velocity: Array
     acceleration: Array
     jerk: Array
+
+    @cached_property
+    def orders(self) -> Array:
+        """The three limits (3, 6), one below the other."""
+        return np.stack([self.velocity, self.acceleration, self.jerk])
 
     @property
     def step(self) -> float:
@@ -56,8 +63,16 @@ class MotionLimits:
         )
 
 
-def along(path: Path, law: TimeLaw, t: Array) -> Array:
-    """Return q - q(0) and three derivatives (4, N, 6) of one motion at times t (N,) [s].
+def shift(path: Path, law: TimeLaw, t: Array) -> Array:
+    """Return q - q(0) (N, 6) [rad] of one motion at times t (N,) [s]."""
+    s = law.position(t)
+    if path.direction is not None:
+        return np.asarray(s[:, None] * path.direction)
+    return np.asarray(path(s) - path.start)
+
+
+def rates(path: Path, law: TimeLaw, t: Array) -> Array:
+    """Return the first three derivatives (3, N, 6) of q of one motion at times t (N,) [s].
 
     The chain rule for q(s(t)), with q1, q2, q3 the derivatives along the path and ds, dds, ddds
     those of the time law; after its end a motion stays where it is.
@@ -65,12 +80,12 @@ def along(path: Path, law: TimeLaw, t: Array) -> Array:
     s, ds, dds, ddds = law(t)
     ddds = np.where(t < law.duration, ddds, 0.0)
     if path.direction is not None:
-        return np.stack([s, ds, dds, ddds])[:, :, None] * path.direction
-    q, (q1, q2, q3) = path(s) - path.start, path.derivatives(s)
+        return np.stack([ds, dds, ddds])[:, :, None] * path.direction
+    q1, q2, q3 = path.derivatives(s)
     ds, dds, ddds = ds[:, None], dds[:, None], ddds[:, None]
     squared = ds * ds
     return np.array(
-        [q, q1 * ds, q1 * dds + q2 * squared, q1 * ddds + q2 * (3 * ds * dds) + q3 * (squared * ds)]
+        [q1 * ds, q1 * dds + q2 * squared, q1 * ddds + q2 * (3 * ds * dds) + q3 * (squared * ds)]
     )
 
 
@@ -81,8 +96,7 @@ def around(times: Array) -> Array:
 
 def usages(derivatives: Sequence[Array] | Array, limits: MotionLimits) -> Array:
     """Return the largest |qd|/v, |qdd|/a and |qddd|/j (3, N) of three derivatives (N, 6) of q."""
-    bounds = np.stack([limits.velocity, limits.acceleration, limits.jerk])[:, None]
-    return np.asarray(np.max(np.abs(derivatives) / bounds, axis=2))
+    return np.asarray(np.max(np.abs(derivatives) / limits.orders[:, None], axis=2))
 
 
 def usage(derivatives: Sequence[Array] | Array, limits: MotionLimits) -> tuple[float, float, float]:
@@ -102,5 +116,6 @@ def about_peaks(t: Array, values: Array) -> Array:
     before = np.concatenate([beyond, values[:, :-1]], axis=1)
     after = np.concatenate([values[:, 1:], beyond], axis=1)
     peak = (values >= before) & (values >= after) & (values > _PEAK * np.max(values))
+    peak &= 2 * values - before - after > _FLAT
     about = (t[np.any(peak, axis=0), None] + (t[1] - t[0]) * _ASIDE).ravel()
     return np.asarray(about[(about > t[0]) & (about < t[-1])])

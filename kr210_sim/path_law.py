@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from kr210_sim.arrays import Array
-from kr210_sim.limits import MotionLimits, about_peaks, along, around, usages
+from kr210_sim.limits import MotionLimits, about_peaks, around, rates, usages
 from kr210_sim.path import Path
 from kr210_sim.time_law import TimeLaw
 
@@ -13,6 +13,7 @@ _MARGIN = 1.0 - 1e-4  # share of the limits that is used, for what lies between 
 _GRID = 81  # points of a path at which its limits are estimated
 _INSTANTS = 3  # of each phase of constant jerk at which shapes are compared
 _SAMPLES = 200  # instants of a motion at which its limits are evaluated, at least
+_SIGNS = np.array([1.0, 0.0, -1.0, 0.0, -1.0, 0.0, 1.0])  # of the jerk in its phases
 _ROOTS = 1 / np.arange(1.0, 4.0)[:, None]  # orders of what a time scale changes
 _SPEEDS = np.geomspace(0.1, 1.0, 8)  # shares of the speed limit tried on a curved path
 _JERK_SHARES = (1.0, 0.7, 0.4)  # of the acceleration limit, to leave jerk to the curvature
@@ -107,22 +108,23 @@ def _phases(length: float, v: Array, a: Array, j: Array) -> Array:
 
 def _states(phases: Array, jerk: Array) -> tuple[Array, Array, Array, Array]:
     """Return s and its derivatives (n, 7 m) at m instants in each phase, its ends included."""
-    t = phases[:, None] * np.linspace(0.0, 1.0, _INSTANTS)[:, None]
-    s, ds, dds = (np.zeros((len(jerk), 1)) for _ in range(3))
-    rows = []
-    for phase, sign in enumerate((1, 0, -1, 0, -1, 0, 1)):
-        x, ddds = t[:, :, phase], sign * jerk[:, None]
-        rows.append(
-            (
-                s + x * (ds + x * (dds / 2 + x * ddds / 6)),
-                ds + x * (dds + x * ddds / 2),
-                dds + x * ddds,
-                np.broadcast_to(ddds, x.shape),
-            )
-        )
-        s, ds, dds = (values[:, -1:] for values in rows[-1][:3])
-    s, ds, dds, ddds = (np.concatenate(values, axis=1) for values in zip(*rows, strict=True))
-    return s, ds, dds, ddds
+    state = np.zeros((4, len(jerk), 7))  # at the beginning of each phase
+    state[3] = jerk[:, None] * _SIGNS
+    for phase in range(6):
+        state[:3, :, phase + 1] = _after(phases[:, phase], state[:, :, phase])
+    t = phases[:, :, None] * np.linspace(0.0, 1.0, _INSTANTS)
+    s, ds, dds = (x.reshape(len(jerk), -1) for x in _after(t, state[..., None]))
+    return s, ds, dds, np.repeat(state[3], _INSTANTS, axis=1)
+
+
+def _after(t: Array, state: Array) -> tuple[Array, Array, Array]:
+    """Return s, ds and dds at times t after a state (4, ...) of them and a constant jerk."""
+    s, ds, dds, ddds = state
+    return (
+        s + t * (ds + t * (dds / 2 + t * ddds / 6)),
+        ds + t * (dds + t * ddds / 2),
+        dds + t * ddds,
+    )
 
 
 def _fitted(path: Path, shape: tuple[float, float, float], limits: MotionLimits) -> TimeLaw:
@@ -139,4 +141,4 @@ def _fitted(path: Path, shape: tuple[float, float, float], limits: MotionLimits)
 
 def _stretches(path: Path, law: TimeLaw, t: Array, limits: MotionLimits) -> Array:
     """Return how much slower a law must be for the limits of each order (3, N) at times t (N,)."""
-    return np.asarray(usages(along(path, law, t)[1:], limits) ** _ROOTS)
+    return np.asarray(usages(rates(path, law, t), limits) ** _ROOTS)

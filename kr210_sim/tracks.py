@@ -213,8 +213,12 @@ def _nearest(steps: Array) -> Array:
     turn = joints[:, 1:, :, None, :] - joints[:, :-1, :, :, None]
     turn -= _TURN * np.round(turn / _TURN)
     size = np.max(np.abs(turn), axis=0)
-    nearest = np.argmin(np.where(np.isnan(size), np.inf, size), axis=3)  # (N - 1, K, 8)
+    missing = np.isnan(size)
+    nearest = np.argmin(np.where(missing, np.inf, size), axis=3)  # (N - 1, K, 8)
     turn = np.moveaxis(turn, 0, 4)
+    same = np.arange(steps.shape[2])
+    if np.all((nearest == same) | np.all(missing, axis=3)):  # mostly, away from singularities
+        return np.cumsum(np.concatenate([steps[:1], turn[:, :, same, same]]), axis=0)
     polyline, branch = np.ogrid[: steps.shape[1], : steps.shape[2]]
     found = [steps[0]]
     for of_all, chosen in zip(turn, nearest, strict=True):

@@ -8,7 +8,7 @@ from typing import TypeAlias
 import numpy as np
 
 from kr210_sim.arrays import Array
-from kr210_sim.limits import MotionLimits, about_peaks, along, around, usage, usages
+from kr210_sim.limits import MotionLimits, about_peaks, around, rates, shift, usage, usages
 from kr210_sim.path import Path
 from kr210_sim.path_law import quickest_law
 from kr210_sim.time_law import TimeLaw
@@ -91,7 +91,8 @@ class Trajectory:
         for path, law, start in zip(self.paths, self._laws, self.starts, strict=True):
             begun = t > start
             if np.any(begun):
-                total[:, begun] += along(path, law, t[begun] - start)
+                total[0, begun] += shift(path, law, t[begun] - start)
+                total[1:, begun] += rates(path, law, t[begun] - start)
         return total[0], total[1], total[2], total[3]
 
     def usage(self, limits: MotionLimits) -> tuple[float, float, float]:
@@ -197,16 +198,19 @@ class _Corner:
     ) -> None:
         self._paths, self._laws, self._limits = paths, laws, limits
         grid = limits.step * np.arange(most + 1)
-        self._first = along(paths[0], laws[0], laws[0].duration - grid[::-1])
-        self._second = along(paths[1], laws[1], grid)
-        self._hopeful = iter(_hopeful(self._first[1:], self._second[1:], limits))
+        self._first = rates(paths[0], laws[0], laws[0].duration - grid[::-1])
+        self._second = rates(paths[1], laws[1], grid)
+        self._hopeful = iter(_hopeful(self._first, self._second, limits))
         self.overlap = 0
         self.narrow(most)
 
     @property
     def rounded(self) -> Array:
         """The configurations (N, 6) while they overlap, step by step [rad]."""
-        return np.asarray(self._paths[0].start + self._total(0))
+        (first, second), (before, after) = self._paths, self._laws
+        t = self._limits.step * np.arange(self.overlap + 1)
+        there = shift(first, before, before.duration - t[::-1])
+        return np.asarray(first.start + (there + shift(second, after, t)))
 
     def narrow(self, most: int) -> None:
         """Go on to the next overlap that holds the limits and is not wider than `most` steps."""
@@ -216,15 +220,11 @@ class _Corner:
                 return
         self.overlap = 0
 
-    def _total(self, orders: int | slice) -> Array:
-        """Return the sum of q or some of its derivatives (..., N, 6) while they overlap."""
-        first, second = self._first[orders], self._second[orders]
-        end = first.shape[-2] - 1 - self.overlap
-        return np.asarray(first[..., end:, :] + second[..., : self.overlap + 1, :])
-
     def _holds(self) -> bool:
         """Tell whether the limits hold step by step, between the steps, and where a jerk jumps."""
-        used = usages(self._total(slice(1, 4)), self._limits)
+        end = self._first.shape[1] - 1 - self.overlap
+        total = self._first[:, end:] + self._second[:, : self.overlap + 1]
+        used = usages(total, self._limits)
         if np.max(used) > 1.0:
             return False
         before, after = self._laws
@@ -233,8 +233,8 @@ class _Corner:
         steps = start + self._limits.step * np.arange(used.shape[1])
         t = np.concatenate([jumps, about_peaks(steps, used)])
         t = t[(t > start) & (t < before.duration)]
-        total = along(self._paths[0], before, t) + along(self._paths[1], after, t - start)
-        return max(usage(total[1:], self._limits)) <= 1.0
+        total = rates(self._paths[0], before, t) + rates(self._paths[1], after, t - start)
+        return max(usage(total, self._limits)) <= 1.0
 
 
 def _hopeful(first: Array, second: Array, limits: MotionLimits) -> list[int]:
@@ -245,7 +245,7 @@ def _hopeful(first: Array, second: Array, limits: MotionLimits) -> list[int]:
         second: (3, N, 6) of the one after it, in its first steps.
         limits: of the joints.
     """
-    bounds = np.stack([limits.velocity, limits.acceleration, limits.jerk])[:, None]
+    bounds = limits.orders[:, None]
     most = first.shape[1] - 1
     # All derivatives of all joints one below the other (18, N).
     first, second = (
