@@ -1,6 +1,8 @@
-"""A path + limits -> the quickest jerk-limited time law along it."""
+"""Paths + limits -> the quickest jerk-limited time laws along them."""
 
 from __future__ import annotations
+
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -16,65 +18,83 @@ _SAMPLES = 200  # instants of a motion at which its limits are evaluated, at lea
 _SIGNS = np.array([1.0, 0.0, -1.0, 0.0, -1.0, 0.0, 1.0])  # of the jerk in its phases
 _ROOTS = 1 / np.arange(1.0, 4.0)[:, None]  # orders of what a time scale changes
 _SPEEDS = np.geomspace(0.1, 1.0, 8)  # shares of the speed limit tried on a curved path
-_JERK_SHARES = (1.0, 0.7, 0.4)  # of the acceleration limit, to leave jerk to the curvature
+_JERK_SHARES = np.array([1.0, 0.7, 0.4])  # of the acceleration limit, to leave jerk to the curvature
 _NONE = 1e-12  # derivative below which a joint stands still
 _LEAST = 0.05  # of the acceleration and jerk limits that a shape keeps on a tight curve
 
 
-def quickest_law(path: Path, limits: MotionLimits) -> TimeLaw:
-    """Return the quickest of the laws that just hold the joint limits along a path.
+def quickest_laws(paths: Sequence[Path], limits: MotionLimits) -> list[TimeLaw]:
+    """Return for each path the quickest of the laws that just hold the joint limits along it.
 
     Their shapes come from path limits (V, A, J) with |q1| V <= v, |q2| V^2 + |q1| A <= a and
     |q3| V^3 + 3 |q2| V A + |q1| J <= j, where q1, q2, q3 are the derivatives of the path. Each
     choice of V and A shares out differently what the curvature leaves.
     """
-    if path.length == 0.0:
+    bent = [path for path in paths if path.length > 0.0 and path.direction is None]
+    curved = iter(_curved_laws(bent, limits)) if bent else iter(())
+    return [
+        next(curved) if path.length > 0.0 and path.direction is None else _plain_law(path, limits)
+        for path in paths
+    ]
+
+
+def _plain_law(path: Path, limits: MotionLimits) -> TimeLaw:
+    """Return the quickest law along a straight line of the joints, or nowhere."""
+    if path.length == 0.0 or path.direction is None:
         return TimeLaw(0.0, 1.0, 1.0, 1.0)
-    if path.direction is not None:
-        v, a, j = _bounds(np.abs(path.direction), limits)
-        return TimeLaw(path.length, v * _MARGIN, a * _MARGIN**2, j * _MARGIN**3)
-    grid = np.linspace(0.0, path.length, _GRID)
-    derivatives = path.derivatives(grid)
-    first, second, third = np.abs(derivatives)
-    first = np.maximum(first, _NONE)
-    fastest, quickest, sharpest = _bounds(first, limits)
-    v_all = np.repeat(fastest * _SPEEDS, len(_JERK_SHARES))
-    speed = v_all[:, None, None]
-    most = np.min((limits.acceleration - second * speed**2) / first, axis=(1, 2))
-    a_all = np.tile(_JERK_SHARES, len(_SPEEDS)) * np.maximum(most, _LEAST * quickest)
-    rest = limits.jerk - third * speed**3 - 3 * second * speed * a_all[:, None, None]
-    j_all = np.maximum(np.min(rest / first, axis=(1, 2)), _LEAST * sharpest)
-    shapes = np.stack([v_all, a_all, j_all])
-    best = int(np.argmin(_durations(path.length, shapes, derivatives, limits)))
-    v, a, j = shapes[:, best].tolist()
-    return _fitted(path, (v, a, j), limits)
+    first = np.maximum(np.abs(path.direction), _NONE)
+    v, a, j = np.min(limits.orders / first, axis=1).tolist()
+    return TimeLaw(path.length, v * _MARGIN, a * _MARGIN**2, j * _MARGIN**3)
 
 
-def _bounds(first: Array, limits: MotionLimits) -> tuple[float, float, float]:
-    """Return the path limits (V, A, J) by the first derivatives (..., 6) of a path alone."""
-    v, a, j = (
-        float(np.min(limit / np.maximum(first, _NONE)))
-        for limit in (limits.velocity, limits.acceleration, limits.jerk)
+def _curved_laws(paths: Sequence[Path], limits: MotionLimits) -> list[TimeLaw]:
+    """Return the quickest laws along P paths that bend, compared together."""
+    length = np.array([path.length for path in paths])
+    derivatives = np.stack(
+        [path.derivatives(np.linspace(0.0, path.length, _GRID)) for path in paths], axis=1
     )
-    return v, a, j
+    # Axes: path, speed, share of the acceleration, point of the path, joint.
+    first, second, third = np.abs(derivatives)[:, :, None, None]
+    first = np.maximum(first, _NONE)
+    fastest, quickest, sharpest = (
+        np.min(limit / first, axis=(3, 4), keepdims=True) for limit in limits.orders
+    )
+    v = fastest * _SPEEDS[:, None, None, None]
+    most = (limits.acceleration - second * v**2) / first
+    a = np.maximum(np.min(most, axis=(3, 4), keepdims=True), _LEAST * quickest)
+    a = _JERK_SHARES[:, None, None] * a
+    rest = (limits.jerk - third * v**3 - 3 * second * v * a) / first
+    j = np.maximum(np.min(rest, axis=(3, 4), keepdims=True), _LEAST * sharpest)
+    shapes = np.stack(np.broadcast_arrays(v, a, j)).reshape(3, len(paths), -1)
+    best = np.argmin(_durations(length, shapes, derivatives, limits), axis=1)
+    chosen = shapes[:, np.arange(len(paths)), best].T.tolist()
+    return [_fitted(path, (v, a, j), limits) for path, (v, a, j) in zip(paths, chosen, strict=True)]
 
 
-def _durations(length: float, shapes: Array, derivatives: Array, limits: MotionLimits) -> Array:
+def _durations(length: Array, shapes: Array, derivatives: Array, limits: MotionLimits) -> Array:
     """Return how long laws within path limits take once they are scaled to the joint limits.
 
     Args:
-        length: of the path [s].
-        shapes: (3, n) path limits V, A and J.
-        derivatives: (3, N, 6) of the path, evenly along it.
+        length: (P,) of the paths [s].
+        shapes: (3, P, n) path limits V, A and J.
+        derivatives: (3, P, N, 6) of the paths, evenly along each.
         limits: of the joints.
+
+    Returns:
+        (P, n) [s].
     """
-    phases = _phases(length, *shapes)
+    count, points = shapes.shape[2], derivatives.shape[2]
+    length, owner = (np.repeat(x, count) for x in (length, np.arange(len(length))))
+    v, a, j = shapes.reshape(3, -1)
+    phases = _phases(length, v, a, j)
     duration = np.sum(phases, axis=1)
-    s, ds, dds, ddds = _states(phases, shapes[2])
-    at = np.clip(s / length, 0.0, 1.0) * (derivatives.shape[1] - 1)
-    index = np.minimum(at.astype(np.int64), derivatives.shape[1] - 2)
+    s, ds, dds, ddds = _states(phases, j)
+    at = np.clip(s / length[:, None], 0.0, 1.0) * (points - 1)
+    index = np.minimum(at.astype(np.int64), points - 2)
     share = (at - index)[..., None]
-    q1, q2, q3 = (1 - share) * derivatives[:, index] + share * derivatives[:, index + 1]
+    index += points * owner[:, None]
+    rows = derivatives.reshape(3, -1, 6)
+    q1, q2, q3 = (1 - share) * rows[:, index] + share * rows[:, index + 1]
     ds, dds, ddds = ds[..., None], dds[..., None], ddds[..., None]
     stretch = np.zeros(len(duration))
     for order, (x, bound) in enumerate(
@@ -87,7 +107,7 @@ def _durations(length: float, shapes: Array, derivatives: Array, limits: MotionL
     ):
         used = np.max(np.abs(x) / bound, axis=(1, 2))
         stretch = np.maximum(stretch, used ** (1 / order))
-    return np.asarray(duration * stretch)
+    return np.asarray(duration * stretch).reshape(-1, count)
 
 
 def _phases(length: float, v: Array, a: Array, j: Array) -> Array:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import copy
 
 import numpy as np
+from numpy.typing import NDArray
 from ruckig import InputParameter, Result, Ruckig, RuckigError
 from ruckig import Trajectory as RuckigTrajectory
 
@@ -49,9 +50,7 @@ class TimeLaw:
 
     def __call__(self, t: Array) -> tuple[Array, Array, Array, Array]:
         """Return position, velocity, acceleration and jerk, each (N,), at times t (N,) [s]."""
-        t = np.clip(t, 0.0, self.duration)
-        phase = np.searchsorted(self._starts, t, side="right") - 1
-        dt = t - self._starts[phase]
+        phase, dt = self._phase(t)
         p, v, a, j = (x[phase] for x in (self._p, self._v, self._a, self._j))
         return (
             p + dt * (v + dt * (a / 2 + dt * j / 6)),
@@ -62,4 +61,12 @@ class TimeLaw:
 
     def position(self, t: Array) -> Array:
         """Return the position (N,) alone."""
-        return self(t)[0]
+        phase, dt = self._phase(t)
+        p, v, a, j = (x[phase] for x in (self._p, self._v, self._a, self._j))
+        return np.asarray(p + dt * (v + dt * (a / 2 + dt * j / 6)))
+
+    def _phase(self, t: Array) -> tuple[NDArray[np.int64], Array]:
+        """Return the phase (N,) of each time, and how long it has lasted (N,) [s]."""
+        t = np.clip(t, 0.0, self.duration)
+        phase = np.searchsorted(self._starts, t, side="right") - 1
+        return phase, t - self._starts[phase]

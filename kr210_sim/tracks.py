@@ -88,24 +88,38 @@ class TrackFinder:
             joined = [parts[0]] + [part[1:] for part in parts[1:]]
             knots = (0, *np.cumsum([len(part) - 1 for part in parts]).tolist())
             alike.setdefault(knots, []).append(np.concatenate(joined))
+        groups = [self._robot.tcp_to_palm(np.stack(group)) for group in alike.values()]
         tracks = []
-        for knots, group in alike.items():
-            T_base_palm = self._robot.tcp_to_palm(np.stack(group))
-            self.poses += T_base_palm.shape[0] * T_base_palm.shape[1]
-            found = self._solve(T_base_palm, knots[anchor], q_start)
+        for knots, T_base_palm, answers in zip(
+            alike, groups, self._solve(groups, q_start), strict=True
+        ):
+            if self._solver is None:
+                found = self._follow(answers, knots[anchor])
+            else:
+                found = ((k, q) for k, answer in enumerate(answers) for q in self._accept(answer))
             tracks += [Track(T_base_palm=T_base_palm[k], q=q, knots=knots) for k, q in found]
         return tracks
 
-    def _solve(self, T_base_palm: Array, anchor: int, q_start: Array) -> list[tuple[int, Array]]:
-        """Return which polyline and what sequence (N, 6), for poses (K, N, 4, 4)."""
+    def _solve(self, groups: Sequence[Array], q_start: Array) -> list[Array]:
+        """Return what the IK answers to groups of polylines (K, N, 4, 4).
+
+        Of the analytic IK all branches (K, N, 8, 6), asked for all poses at once; of a solver one
+        configuration to each (K, N, 6).
+        """
+        counts = [len(group) * group.shape[1] for group in groups]
+        self.poses += sum(counts)
         started = time.perf_counter()
         if self._solver is None:
-            branches = ik.inverse(self._robot.geometry, T_base_palm).q
-            self.seconds += time.perf_counter() - started
-            return list(self._follow(branches, anchor))
-        answers = [ask(self._solver, poses, q_start) for poses in T_base_palm]
+            poses = np.concatenate([group.reshape(-1, 4, 4) for group in groups])
+            branches = np.split(ik.inverse(self._robot.geometry, poses).q, np.cumsum(counts)[:-1])
+            found = [
+                q.reshape(*group.shape[:2], 8, 6)
+                for q, group in zip(branches, groups, strict=True)
+            ]
+        else:
+            found = [np.stack([ask(self._solver, T, q_start) for T in group]) for group in groups]
         self.seconds += time.perf_counter() - started
-        return [(k, q) for k, answer in enumerate(answers) for q in self._accept(answer)]
+        return found
 
     def forget(self) -> None:
         """Forget what the polylines tried so far failed for."""

@@ -10,11 +10,11 @@ import numpy as np
 from kr210_sim.arrays import Array
 from kr210_sim.limits import MotionLimits, about_peaks, around, rates, shift, usage, usages
 from kr210_sim.path import Path
-from kr210_sim.path_law import quickest_law
+from kr210_sim.path_law import quickest_laws
 from kr210_sim.time_law import TimeLaw
 
 _CHECK_RATE = 1000.0  # [Hz]
-_GLANCES = 24  # instants at which all overlaps are compared with the limits at once
+_GLANCES = 16  # instants at which all overlaps are compared with the limits at once
 _SHARE = 0.75  # of a motion, at most, that overlaps the one before it
 _SHRINK = 0.8  # of an overlap that is not clear
 
@@ -112,7 +112,7 @@ class Trajectory:
 
 def time_path(path: Path, limits: MotionLimits) -> Trajectory:
     """Return the trajectory of one path, from rest to rest."""
-    return Trajectory([path], [quickest_law(path, limits)], [0.0])
+    return Trajectory([path], quickest_laws([path], limits), [0.0])
 
 
 def time_paths(
@@ -144,7 +144,8 @@ def time_chains(
     """
     # From rest to rest, the quickest law is the same there and back.
     alike = {id(path.there): path.there for paths in chains for path in paths}
-    quickest = {key: quickest_law(path, limits) for key, path in alike.items()}
+    laws_of = quickest_laws(list(alike.values()), limits)
+    quickest = dict(zip(alike, laws_of, strict=True))
     laws = [[quickest[id(path.there)] for path in paths] for paths in chains]
     corners = [list(_corners(*chain, limits)) for chain in zip(chains, laws, strict=True)]
     asked = [
