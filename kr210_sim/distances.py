@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from kr210_sim.arrays import Array
 
 _DEEP = 1e6  # how far a plane reaches down and sideways [m]
-_WORTHWHILE = 0.05
+_WORTHWHILE = 0.03
 """A lower bound this much above what is required is as good as the distance [m]."""
 
 Bounds: TypeAlias = tuple[NDArray[np.int64], NDArray[np.int64], Array, Array]
