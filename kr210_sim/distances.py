@@ -125,7 +125,8 @@ class GeomPairs:
         asked = asked[np.argsort(rows[asked], kind="stable")]
         geoms = self.geoms[pairs[asked]].tolist()
         exact, ends = np.empty(len(asked)), np.zeros((len(asked), 6))
-        model, far, distance, posed = self._model, float(np.max(self._far)), mujoco.mj_geomDistance, -1
+        model, distance, posed = self._model, mujoco.mj_geomDistance, -1
+        far = float(np.max(self._far))
         for index, (row, (one, other)) in enumerate(zip(rows[asked].tolist(), geoms, strict=True)):
             if row != posed:
                 data.geom_xpos[:], data.geom_xmat[:] = poses[0][row], poses[1][row]

@@ -18,7 +18,7 @@ _SAMPLES = 200  # instants of a motion at which its limits are evaluated, at lea
 _SIGNS = np.array([1.0, 0.0, -1.0, 0.0, -1.0, 0.0, 1.0])  # of the jerk in its phases
 _ROOTS = 1 / np.arange(1.0, 4.0)[:, None]  # orders of what a time scale changes
 _SPEEDS = np.geomspace(0.1, 1.0, 8)  # shares of the speed limit tried on a curved path
-_JERK_SHARES = np.array([1.0, 0.7, 0.4])  # of the acceleration limit, to leave jerk to the curvature
+_JERK_SHARES = np.array([1.0, 0.7, 0.4])  # of the acceleration limit: jerk is left for curvature
 _NONE = 1e-12  # derivative below which a joint stands still
 _LEAST = 0.05  # of the acceleration and jerk limits that a shape keeps on a tight curve
 
@@ -110,7 +110,7 @@ def _durations(length: Array, shapes: Array, derivatives: Array, limits: MotionL
     return np.asarray(duration * stretch).reshape(-1, count)
 
 
-def _phases(length: float, v: Array, a: Array, j: Array) -> Array:
+def _phases(length: Array, v: Array, a: Array, j: Array) -> Array:
     """Return the durations (n, 7) of the phases of constant jerk, from rest to rest.
 
     The closed form of what ruckig computes one by one, to compare many shapes [s].

@@ -113,8 +113,7 @@ class TrackFinder:
             poses = np.concatenate([group.reshape(-1, 4, 4) for group in groups])
             branches = np.split(ik.inverse(self._robot.geometry, poses).q, np.cumsum(counts)[:-1])
             found = [
-                q.reshape(*group.shape[:2], 8, 6)
-                for q, group in zip(branches, groups, strict=True)
+                q.reshape(*group.shape[:2], 8, 6) for q, group in zip(branches, groups, strict=True)
             ]
         else:
             found = [np.stack([ask(self._solver, T, q_start) for T in group]) for group in groups]
