@@ -102,6 +102,16 @@ def test_poses_without_an_answer_have_no_errors(robot, q):
     assert summarize_marks([])["position_error_m"]["max"] is None
 
 
+def test_a_pose_without_an_answer_in_the_middle_leaves_the_others_theirs(robot, q):
+    leg = leg_of(robot, q)
+    holed = leg.asked.q.copy()
+    holed[5] = np.nan
+    mark = mark_leg(robot, replace(leg, asked=replace(leg.asked, q=holed)))
+    rows = rows_of(mark)
+    assert [row["pose"] for row in rows if row["q_rad"] is None] == [5]
+    assert summarize_marks([mark])["turns"] == sum(row.get("turns", 0) for row in rows) == 0
+
+
 # ---- whole grades ---------------------------------------------------------------------------
 
 PER_POSE = (

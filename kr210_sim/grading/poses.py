@@ -45,7 +45,7 @@ class LegMarks:
         wrist_error: (n, 3) reached minus requested wrist center, base frame [m].
         beyond_limits: (n, 6) whether a joint is beyond its limits.
         jumps: (n,) whether the step to this answer changes branch.
-        turns: (n,) whole turns in the step to this answer, all joints together.
+        turns: (n,) whole turns in the step to this answer, all joints together; 0 without a step.
         wrist_travel: way of joints 4 to 6 [rad], and `wrist_optimum` the least there is.
         wrist_optimum: of the quickest joint path through the same poses [rad].
     """
@@ -83,7 +83,7 @@ def mark_leg(robot: Robot, leg: Leg) -> LegMarks:
         - ik.wrist_center(robot.geometry, wanted),
         beyond_limits=(q < robot.lower - 1e-9) | (q > robot.upper + 1e-9),
         jumps=jumps,
-        turns=np.sum(np.abs(turns), axis=1),
+        turns=np.nansum(np.abs(turns), axis=1),
         wrist_travel=float(np.nansum(np.abs(step[:, 3:]))),
         wrist_optimum=float(np.nansum(np.abs(needed[:, 3:]))),
     )
@@ -115,7 +115,7 @@ def summarize_marks(marks: Sequence[LegMarks]) -> dict[str, Any]:
         "wrist_center_error_m": _spread(wrist),
         "beyond_limits": int(sum(mark.beyond_limits.any(axis=1).sum() for mark in marks)),
         "branch_jumps": int(sum(jumps)),
-        "turns": int(sum(np.nansum(mark.turns) for mark in marks)),
+        "turns": int(sum(mark.turns.sum() for mark in marks)),
         "wrist_travel_rad": travel,
         "wrist_travel_optimum_rad": optimum,
         "seconds_per_pose": _spread([mark.leg.asked.seconds for mark in marks]),
