@@ -28,12 +28,15 @@ def test_files_and_folders_make_a_class(tmp_path):
     (tmp_path / "anna").mkdir()
     for name in ("b.py", "_hidden.py", "notes.txt", "anna/IK_server.py"):
         (tmp_path / name).write_text("")
-    items = find_items([tmp_path, tmp_path / "b.py"], None, Path("out"))
+    items = find_items([tmp_path, tmp_path / "b.py"], Path("out"))
     assert [item.name for item in items] == ["anna/IK_server", "b", "b-2"]
     assert items[0].folder == Path("out/anna__IK_server")
+    (tmp_path / "anna__IK_server.py").write_text("")
+    folders = [item.folder.name for item in find_items([tmp_path], Path("out"))]
+    assert folders == ["anna__IK_server", "anna__IK_server-2", "b"]
     (tmp_path / "empty").mkdir()
     with pytest.raises(BadInput, match=r"no \.py files"):
-        find_items([tmp_path / "empty"], None, Path("out"))
+        find_items([tmp_path / "empty"], Path("out"))
 
 
 def test_a_class_goes_on_where_it_was(tmp_path, monkeypatch, failed):
@@ -48,7 +51,7 @@ def test_a_class_goes_on_where_it_was(tmp_path, monkeypatch, failed):
         (tmp_path / f"{name}.py").write_text(f"{name} = 1\n")
     out = tmp_path / "out"
     monkeypatch.setattr(class_list, "grade", fake)
-    items = find_items([tmp_path / f"{name}.py" for name in "abc"], None, out)
+    items = find_items([tmp_path / f"{name}.py" for name in "abc"], out)
     grade_class(items[:2], BRIEF, jobs=1, on_grade=lambda content: None)
     (tmp_path / "b.py").write_text("b = 2\n")
     told: list[str] = []
@@ -73,6 +76,8 @@ def test_a_class_goes_on_where_it_was(tmp_path, monkeypatch, failed):
         (["{file}", "--pose-timeout", "0"], "--pose-timeout"),
         (["{file}", "--time-limit", "nan"], "--time-limit"),
         (["{file}", "--resume"], "--resume"),
+        (["{file}", "--resume", "--out", "{file}-out"], "--resume: is for a class"),
+        (["{file}", "--debug-cases", "--json"], "--json"),
         (["{file}", "--jobs", "0"], "--jobs"),
         (["{file}", "--debug-cases", "-1"], "--debug-cases"),
         (["{file}", "{file}", "--debug-cases"], "--debug-cases"),

@@ -13,7 +13,7 @@ from typing import Any
 from kr210_sim.exceptions import BadInput
 from kr210_sim.grading.findings import Finding
 from kr210_sim.grading.grade import GradeConfig, checksum, grade
-from kr210_sim.grading.page import class_page, grade_page
+from kr210_sim.grading.page import class_page, folder_of, grade_page
 from kr210_sim.grading.report import COLUMNS, class_row
 from kr210_sim.grading.source import SolverSource
 from kr210_sim.results import write_json, write_text
@@ -39,7 +39,7 @@ class Item:
     folder: Path
 
 
-def find_items(paths: Sequence[Path], function: str | None, out: Path) -> list[Item]:
+def find_items(paths: Sequence[Path], out: Path) -> list[Item]:
     """Return the solvers in some files and folders, sorted by name.
 
     Of a folder all .py files count, in folders below it as well; names with a leading underscore or
@@ -48,7 +48,7 @@ def find_items(paths: Sequence[Path], function: str | None, out: Path) -> list[I
     Raises:
         BadInput: if there is none, naming the path.
     """
-    found: dict[str, Path] = {}
+    found: dict[str, tuple[str, Path]] = {}  # by the name of the folder
     for path in paths:
         if path.is_dir():
             inside = [
@@ -58,21 +58,17 @@ def find_items(paths: Sequence[Path], function: str | None, out: Path) -> list[I
             ]
             if not inside:
                 raise BadInput(f"{path} has no .py files; name a folder with solvers, or a file")
-            named = {str(file.relative_to(path).with_suffix("")): file for file in inside}
+            named = {file.relative_to(path).with_suffix("").as_posix(): file for file in inside}
         else:
             named = {path.stem: path}
         for name, file in named.items():
             unique, number = name, 2
-            while unique in found:
+            while folder_of(unique) in found:
                 unique, number = f"{name}-{number}", number + 1
-            found[unique] = file
+            found[folder_of(unique)] = unique, file
     return [
-        Item(
-            name=name,
-            source=SolverSource.from_file(file, function),
-            folder=out / name.replace("/", "__"),
-        )
-        for name, file in sorted(found.items())
+        Item(name=name, source=SolverSource.from_file(file), folder=out / folder_of(name))
+        for name, file in sorted(found.values())
     ]
 
 
@@ -86,7 +82,7 @@ def open_folder(out: Path, *, resume: bool) -> None:
         if out.exists() and not resume and (not out.is_dir() or any(out.iterdir())):
             raise BadInput(
                 f"--out: {out} is no empty folder; name one that does not exist yet, or go on "
-                "with what is in it by --resume"
+                "with the class in it by --resume"
             )
         out.mkdir(parents=True, exist_ok=True)
     except OSError as error:

@@ -57,11 +57,7 @@ def grade_page(content: Mapping[str, Any]) -> str:
         plots=_plots(poses, content["limits_rad"]),
         columns=_COLUMNS,
         spreads=[
-            (
-                label,
-                unit,
-                [number(figures[key][column], scale) for column in ("mean", "p95", "max")],
-            )
+            (label, unit, [number(figures[key][column], scale) for column in _COLUMNS])
             for key, label, unit, scale in _SPREADS
         ],
         counts=list(_counts(content)) if figures["answered"] else [],
@@ -181,6 +177,11 @@ def _legs(poses: Sequence[Pose]) -> list[tuple[tuple[int, str], list[Pose]]]:
 # ---- of a class ------------------------------------------------------------------------------
 
 
+def folder_of(name: str) -> str:
+    """Return the name of the folder that a solver of a class has beside the class's page."""
+    return name.replace("/", "__")
+
+
 def _link(content: Mapping[str, Any]) -> str:
     """Return where the page of a solver is, beside that of the class."""
-    return quote(f"{content['name'].replace('/', '__')}/grade.html")
+    return quote(f"{folder_of(content['name'])}/grade.html")

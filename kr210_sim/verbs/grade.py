@@ -79,6 +79,8 @@ def _grade(options: argparse.Namespace) -> int:
     with one_interrupt():
         if len(paths) > 1 or paths[0].is_dir():
             return _class(paths, config, options)
+        if options.resume:
+            raise BadInput("--resume: is for a class; a single solver is graded anew, leave it out")
         source = _source(options.solver[0])
         if options.step is not None:
             return _steps(source, config, options)
@@ -104,6 +106,8 @@ def _debug(source: SolverSource, config: Any, options: argparse.Namespace) -> in
     from kr210_sim.loading import read_robot
     from kr210_sim.source import RobotSource
 
+    if options.json:
+        raise BadInput("--json: --debug-cases prints text alone; leave one of them out")
     if not 0 <= options.debug_cases <= 10_000:
         raise BadInput(f"--debug-cases: {options.debug_cases} is out of range; give 0 to 10000")
     _, robot = read_robot(RobotSource())
@@ -171,7 +175,7 @@ def _class(paths: list[Path], config: Any, options: argparse.Namespace) -> int:
         if given is not None:
             raise BadInput(f"{option}: is for one solver at a time")
     out = _out(options)
-    items = find_items(paths, None, out)
+    items = find_items(paths, out)
     command = f"{grade_command(options.solver, config.as_json())} {_going_on(out, options.jobs)}"
     open_folder(out, resume=options.resume)
     text = sys.stderr if options.json else sys.stdout
