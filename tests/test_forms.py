@@ -182,3 +182,10 @@ def test_the_pose_that_fails_is_named():
         return [1.0] * 6 if position[0] < 2.5 else [1j] * 6
 
     assert refused(solver).pose == 2
+
+
+def test_lines_are_counted_as_python_counts_them():
+    text = "one\n\f\nthree\u2028still three\n\x0bfour\n"
+    source = Source(Path("solver.py"), text)
+    assert source.line(4) == "\x0bfour"
+    assert [source.line(number) for number in (0, None, 9)] == [None] * 3

@@ -13,7 +13,7 @@ import pytest
 
 from kr210_sim.exceptions import BadInput
 from kr210_sim.grading.findings import Refused
-from kr210_sim.grading.process import SolverProcess
+from kr210_sim.grading.process import SolverProcess, _rows
 from kr210_sim.grading.source import SolverLimits, SolverSource
 
 T = np.tile(np.eye(4), (4, 1, 1))
@@ -162,11 +162,30 @@ def test_nothing_is_written_outside_the_scratch_folder(started, tmp_path):
     assert not outside.exists()
 
 
+@pytest.mark.parametrize(
+    "message",
+    [
+        {"q": [[10**400, 0, 0, 0, 0, 0]], "seconds": 0.0},
+        {"q": [[0.0] * 6], "seconds": 10**400},
+        {"q": [[0.0] * 6] * 2, "seconds": 0.0},
+        {"q": [["1"] * 6], "seconds": 0.0},
+        {"q": [[0.0] * 5], "seconds": 0.0},
+        {"q": None, "seconds": 0.0},
+        {},
+    ],
+)
+def test_rows_that_are_none_are_told_from_rows(message):
+    assert _rows({"q": [[1, 2, 3, 4, 5, 6]], "seconds": 1}, 1) == ([[1, 2, 3, 4, 5, 6]], 1.0)
+    assert _rows(message, 1) is None
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("channel", range(3, 12))
 def test_forged_answers_are_refused(started, channel):
-    answer = started("lies", SOLVERS + f"\nCHANNEL = {channel}\n").ask(T[:1], HOME)
+    process = started("lies", SOLVERS + f"\nCHANNEL = {channel}\n")
+    answer = process.ask(T[:1], HOME)
     assert answer.finding is not None
+    assert process.alive == (answer.finding.kind != "died")  # what follows a forged line is, too
     assert len(answer.q) == 0
 
 

@@ -73,7 +73,7 @@ class Source:
     """
 
     def __init__(self, path: Path, text: str) -> None:
-        self.path, self._lines = str(path), text.splitlines()
+        self.path, self._lines = str(path), text.split("\n")  # as Python counts lines, no more
 
     def line(self, number: int | None) -> str | None:
         """Return a line by its number, counting from 1."""

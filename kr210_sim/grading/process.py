@@ -23,7 +23,8 @@ from scipy.spatial.transform import Rotation
 
 import kr210_sim
 from kr210_sim.arrays import Array
-from kr210_sim.grading.findings import Finding, Refused
+from kr210_sim.grading.findings import Finding, Refused, Source
+from kr210_sim.grading.python2 import read_source
 from kr210_sim.grading.source import SolverLimits, SolverSource
 
 KEPT_OUTPUT = 1 << 14
@@ -121,7 +122,9 @@ class SolverProcess:
                 message = self._receive(allowed, what)
                 if message.get("event") != "rows":
                     break
-                q, each = _rows(message, len(T) - len(rows))
+                if (found := _rows(message, len(T) - len(rows))) is None:
+                    raise self._lost("its answer is not of the agreed form")
+                q, each = found
                 rows, seconds = rows + q, seconds + [each] * len(q)
             if message.get("event") == "finding":
                 finding = Finding.from_json(message)
@@ -362,26 +365,23 @@ class SolverProcess:
         return None
 
     def _line(self, number: int) -> str | None:
-        if self._source.file is None:
-            return None
-        lines = self._source.file.read_bytes().decode("utf-8", "replace").splitlines()
-        return lines[number - 1] if 1 <= number <= len(lines) else None
+        file = self._source.file
+        return Source(file, read_source(file.read_bytes())).line(number) if file else None
 
 
-def _rows(message: dict[str, Any], most: int) -> tuple[list[list[float]], float]:
-    """Return the rows of a message that is not trusted.
-
-    Raises:
-        Refused: if they are none.
-    """
+def _rows(message: dict[str, Any], most: int) -> tuple[list[list[float]], float] | None:
+    """Return the rows of a message that is not trusted, and the time of each; None without."""
     rows, seconds = message.get("q"), message.get("seconds")
-    if isinstance(rows, list) and len(rows) <= most and isinstance(seconds, int | float):
-        numbers = [row for row in rows if isinstance(row, list) and len(row) == 6]
-        if len(numbers) == len(rows) and all(
-            isinstance(value, int | float) for row in numbers for value in row
-        ):
-            return [[float(value) for value in row] for row in numbers], float(seconds)
-    raise Refused(Finding(kind="died", detail="its answer is not of the agreed form"))
+    if not (isinstance(rows, list) and len(rows) <= most and isinstance(seconds, int | float)):
+        return None
+    if not all(isinstance(row, list) and len(row) == 6 for row in rows):
+        return None
+    if not all(isinstance(value, int | float) for row in rows for value in row):
+        return None
+    try:
+        return [[float(value) for value in row] for row in rows], float(seconds)
+    except OverflowError:
+        return None
 
 
 def _size(folder: Path) -> int:

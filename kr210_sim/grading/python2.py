@@ -9,9 +9,10 @@ import io
 import re
 import tokenize
 import warnings
+from pathlib import Path
 from typing import Any
 
-from kr210_sim.grading.findings import Finding, Refused
+from kr210_sim.grading.findings import Finding, Refused, Source
 
 _FIXERS = (
     "apply", "basestring", "dict", "except", "exec", "execfile", "filter", "funcattrs", "getcwdu",
@@ -92,8 +93,7 @@ def to_python3(text: str) -> str:
 
 
 def _no_syntax(detail: str, text: str, line: int | None) -> Finding:
-    lines = text.splitlines()
-    source = lines[line - 1] if line and line <= len(lines) else None
+    source = Source(Path("?"), text).line(line)
     detail = f"is neither Python 3 nor Python 2: {detail}"
     return Finding(kind="syntax", detail=detail, line=line, source=source)
 
@@ -118,7 +118,7 @@ def compile_python2(text: str, path: str) -> Any:
 
 def _put_back(tree: ast.AST, text: str) -> None:
     """Give every node the line it has in the original, where unpacking has no line of its own."""
-    lines = text.splitlines()
+    lines = text.split("\n")
     added = [number for number, line in enumerate(lines, 1) if _UNPACKING.match(line)]
     for node in ast.walk(tree) if added else ():
         for name in ("lineno", "end_lineno"):
