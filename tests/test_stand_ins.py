@@ -221,6 +221,10 @@ kept[3] /= 2
 answer = f((7, 2), 3)
 half = 1
 half /= 2
+odd = Odd()
+odd.whole = 7
+odd.whole /= 2
+odd.parts = {"a": odd.whole}
 """
 
 
@@ -236,8 +240,9 @@ def test_python2_means_what_it_meant(capsys):
     assert names["answer"] == (3, True, 0o755, 10)
     assert names["total"] == 6
     assert names["kept"][:3] == [True, ["1"], 1]
-    assert names["kept"][3:] == [1.5, 3.5, -4, 8 / 3]
+    assert names["kept"][3:] == [1, 3.5, -4, 8 / 3]
     assert names["half"] == 0
+    assert names["odd"].parts == {"a": 3}
     assert capsys.readouterr().out == "x 7\ny ('no',)\n"
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ast
 import bisect
+import copy
 import functools
 import io
 import re
@@ -138,9 +139,10 @@ class _Division(ast.NodeTransformer):
 
     def visit_AugAssign(self, node: ast.AugAssign) -> ast.AST:
         self.generic_visit(node)
-        if not isinstance(node.op, ast.Div) or not isinstance(node.target, ast.Name):
+        if not isinstance(node.op, ast.Div):
             return node
-        target = ast.copy_location(ast.Name(node.target.id, ast.Load()), node)
+        target = copy.copy(node.target)
+        target.ctx = ast.Load()
         return ast.copy_location(
             ast.Assign([node.target], self._call(node, target, node.value)), node
         )
