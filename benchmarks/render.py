@@ -16,7 +16,8 @@ from typing import Any
 
 import numpy as np
 
-sys.path.pop(0)  # this folder has an ik.py of its own
+if __name__ == "__main__":
+    sys.path.pop(0)  # this folder has an ik.py of its own
 
 from kr210_sim.film.drawing import cores, draw
 from kr210_sim.film.format import FPS, SIZE, Moment, make_format

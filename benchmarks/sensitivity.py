@@ -16,7 +16,8 @@ from unittest import mock
 import mujoco
 import numpy as np
 
-sys.path.pop(0)  # this folder has an ik.py of its own
+if __name__ == "__main__":
+    sys.path.pop(0)  # this folder has an ik.py of its own
 
 from kr210_sim import physics
 from kr210_sim.config import RunConfig

@@ -21,7 +21,8 @@ import mujoco
 import numpy as np
 from mujoco import rollout
 
-sys.path.pop(0)  # this folder has an ik.py of its own
+if __name__ == "__main__":
+    sys.path.pop(0)  # this folder has an ik.py of its own
 
 from kr210_sim import cycle, episode_files, episodes
 from kr210_sim.config import RunConfig

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import runpy
 import subprocess
 import sys
 from pathlib import Path
@@ -10,6 +11,7 @@ import pytest
 
 FOLDER = Path(__file__).resolve().parents[1] / "benchmarks"
 SCRIPTS = sorted(path.name for path in FOLDER.glob("*.py") if "__main__" in path.read_text())
+SPAWNING = [name for name in SCRIPTS if '"spawn"' in (FOLDER / name).read_text()]
 
 
 @pytest.mark.slow
@@ -19,6 +21,14 @@ def test_a_benchmark_starts(script, tmp_path):
     done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
     assert "usage" in done.stdout
+
+
+@pytest.mark.parametrize("script", SPAWNING)
+def test_a_process_of_a_benchmark_imports_what_its_parent_does(script, monkeypatch):
+    path = ["first", *sys.path]
+    monkeypatch.setattr(sys, "path", list(path))
+    runpy.run_path(str(FOLDER / script), run_name="__mp_main__")  # as multiprocessing does
+    assert sys.path == path
 
 
 @pytest.mark.slow
