@@ -102,7 +102,7 @@ class SavedRun:
         """Return the arrays of a cycle's record by name; `record.SERIES` explains each.
 
         Raises:
-            BadInput: if it has none.
+            BadInput: if it has none, or a damaged one.
         """
         path = record_path(self.out, cycle)
         if not path.is_file():

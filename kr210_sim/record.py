@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kr210_sim.arrays import Array
+from kr210_sim.exceptions import BadInput
 
 if TYPE_CHECKING:
     from kr210_sim.scene import Target
@@ -196,7 +197,18 @@ def save_record(record: CycleRecord, path: Path) -> None:
         np.savez_compressed(file, **arrays)
 
 
-def load_series(path: Path) -> dict[str, Any]:
-    """Read what `save_record` wrote."""
-    with np.load(path) as archive:
-        return {name: archive[name] for name in archive.files}
+def load_series(path: Path, *names: str) -> dict[str, Any]:
+    """Read what `save_record` wrote.
+
+    Args:
+        path: of the record.
+        names: of what is read; everything without any.
+
+    Raises:
+        BadInput: naming the file, if it is damaged.
+    """
+    try:
+        with np.load(path) as archive:
+            return {name: archive[name] for name in archive.files if name in names or not names}
+    except Exception as error:  # what wrong bytes end in: errors of zip, zlib, tokenize and more
+        raise BadInput(f"{path} is damaged, or missing; run its cycle again") from error

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
+from kr210_sim.exceptions import BadInput
 from kr210_sim.record import POINTS, RECORD_STEP, SERIES, STAGES, load_series, save_record
 
 
@@ -25,6 +27,16 @@ def test_a_saved_record_needs_no_pickle(good_cycle, tmp_path):
     save_record(good_cycle.record, path)
     with np.load(path, allow_pickle=False) as archive:
         assert set(SERIES) | set(POINTS) <= set(archive.files)
+
+
+def test_a_record_with_wrong_bytes_is_damaged_whatever_they_break(good_cycle, tmp_path):
+    path = tmp_path / "record.npz"
+    save_record(good_cycle.record, path)
+    content = path.read_bytes()
+    for start in range(0, len(content), len(content) // 60):
+        path.write_bytes(content[:start] + b"\xff" * 64 + content[start + 64 :])
+        with pytest.raises(BadInput, match="damaged"):
+            load_series(path)
 
 
 def test_a_record_keeps_every_point_that_was_solved(good_cycle, robot, tmp_path):

@@ -6,13 +6,11 @@ from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from typing import Any
-from zipfile import BadZipFile
 
 import numpy as np
 from numpy.typing import NDArray
 
 from kr210_sim.arrays import Array
-from kr210_sim.exceptions import BadInput
 from kr210_sim.record import STAGES, load_series
 from kr210_sim.results import record_path
 
@@ -131,6 +129,9 @@ def read_take(out: Path, score: dict[str, Any], *, cycles: int, succeeded: int) 
         score: the cycle's line of `cycles.jsonl`.
         cycles: how many the run has.
         succeeded: how many of those before it succeeded.
+
+    Raises:
+        BadInput: if it is damaged.
     """
     series = load_series(record_path(out, int(score["cycle"])))
     return Take(score=score, series=series, cycles=cycles, succeeded=succeeded)
@@ -142,8 +143,5 @@ def read_duration(path: Path) -> float:
     Raises:
         BadInput: if it is damaged.
     """
-    try:
-        with np.load(path) as archive:
-            return float(archive["time"][-1]) if "time" in archive.files else STILL
-    except (ValueError, EOFError, BadZipFile, KeyError, IndexError) as error:
-        raise BadInput(f"{path} is damaged; run its cycle again") from error
+    time = load_series(path, "time").get("time", [STILL])
+    return float(time[-1])

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import math
-import zipfile
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -125,7 +124,7 @@ def read_run(out: Path, quantities: Sequence[str] = ()) -> RunData:
     for line in chosen.detailed():
         try:
             record = load_series(record_path(out, line["cycle"]))
-        except (OSError, ValueError, EOFError, zipfile.BadZipFile):
+        except BadInput:
             run.unreadable.append(line["cycle"])
         else:
             run.detailed.append(Recorded(line=line, record=record))
