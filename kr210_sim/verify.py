@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import platform
 from contextlib import closing
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
@@ -13,16 +13,13 @@ from typing import Any
 import numpy as np
 
 from kr210_sim import __version__
-from kr210_sim.config import RunConfig
+from kr210_sim.config import FREE, RunConfig
 from kr210_sim.episode_files import score_episode, silence_mujoco
 from kr210_sim.episodes import load_world, plan_episode
 from kr210_sim.options import read_options
 from kr210_sim.record import load_series, record_arrays
 from kr210_sim.results import CONFIG, CYCLES, finished_cycles, record_path
 from kr210_sim.score import CycleScore
-
-WATCH_NOTHING = {"viewer": None, "video": None, "resume": False, "jobs": 1, "backend": "processes"}
-"""Options that change nothing in a cycle, as the episode is simulated again."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -67,14 +64,16 @@ def verify(out: Path, cycle: int | None) -> Verdict:
         cycle: index in the run; None for the first.
 
     Raises:
-        BadInput: if the folder is no run, or what it was run with is not there any more.
+        BadInput: if the folder is no run, a record of it is damaged, or what it was run with is not
+            there any more.
     """
     lines = {int(line["cycle"]): line for line in finished_cycles(out, cycle)}
     cycle = next(iter(lines)) if cycle is None else cycle
     episode_index = int(lines[cycle]["episode"])
     recorded = {index: line for index, line in lines.items() if line["episode"] == episode_index}
     options = read_options(out / CONFIG)
-    config = replace(RunConfig(**options | WATCH_NOTHING), out=None)
+    ours = options.keys() - (FREE - {"cycles"})  # no film, no page, no workers
+    config = RunConfig(**{name: options[name] for name in ours})
     silence_mujoco()
     scene = load_world(config)
     episode = plan_episode(config, scene, episode_index)

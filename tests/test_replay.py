@@ -13,6 +13,7 @@ import pytest
 from conftest import refused
 
 import kr210_sim.verify
+from kr210_sim import load_run
 from kr210_sim.cli import main
 from kr210_sim.exceptions import BadInput
 from kr210_sim.record import load_series
@@ -159,6 +160,13 @@ def test_other_versions_are_named(copied, simulated):
     assert any(note.startswith("note: mujoco was 3.0.0") for note in verify(copied, 0).notes)
 
 
+def test_a_run_with_a_film_is_proved_without_one(copied, simulated):
+    config = json.loads((copied / "config.json").read_text())
+    config["options"] |= {"video": "", "camera": ["gripper"], "size": "320x240", "fps": 10}
+    (copied / "config.json").write_text(json.dumps(config))
+    assert verify(copied, 0).same
+
+
 @pytest.mark.slow
 def test_an_episode_gives_the_same_bits_when_it_is_simulated_again(tmp_path, capsys):
     out = tmp_path / "run"
@@ -182,6 +190,16 @@ def test_a_cycle_without_a_record_is_refused(copied):
     shutil.rmtree(copied / "cycles")
     with pytest.raises(BadInput, match="--record all"):
         load_replay(copied, None)
+
+
+def test_a_damaged_record_is_named(copied, simulated, capfd):
+    path = copied / "cycles" / "0001.npz"
+    content = bytearray(path.read_bytes())
+    content[len(content) // 2] ^= 0xFF
+    path.write_bytes(content)
+    assert "0001.npz is damaged" in refused(capfd, str(copied), "--verify")
+    with pytest.raises(BadInput, match=r"0001\.npz is damaged"):
+        load_run(copied).record(1)
 
 
 def test_a_missing_or_broken_world_is_named(copied):
