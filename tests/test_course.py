@@ -6,7 +6,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from test_planning import Free, Wall, plan_in
+from planned import Free, Wall, plan_in
 
 import ik
 from kr210_sim.course import LEAST_POSES, MOST_POSES, CourseDriver
