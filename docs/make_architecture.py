@@ -1,17 +1,23 @@
-"""Write the picture and the table of docs/architecture.md from the imports and docstrings.
+"""Make the picture and the table of docs/architecture.md from the imports and docstrings.
 
-`python docs/make_architecture.py`; tests/test_papers.py fails where the page is not what it gives.
+`python docs/make_architecture.py`; tests/test_papers.py fails where they are not what it gives.
 """
 
 from __future__ import annotations
 
 import ast
+import html
 from functools import cache
+from itertools import pairwise
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent.parent
 PAGE = ROOT / "docs" / "architecture.md"
-BEGIN, END = "<!-- {}: written by docs/make_architecture.py -->", "<!-- end of {} -->"
+PICTURE = ROOT / "docs" / "images" / "architecture.svg"
+BEGIN, END = "<!-- table: written by docs/make_architecture.py -->", "<!-- end of table -->"
+
+BOX, GAP = (176, 34), (200, 62)
+"""Width and height of a box, and from the centre of one to those beside and below it [px]."""
 
 STEPS = {
     "inverse kinematics": "ik",
@@ -125,11 +131,91 @@ def arrows() -> list[tuple[str, str]]:
     ]
 
 
+def rows(lines: list[tuple[str, str]]) -> list[list[tuple[str, str]]]:
+    """Return what stands in each row of the picture, from left to right.
+
+    A step stands below all that it needs, and one that needs nothing just above what needs it. It
+    is (step, step); an arrow that passes a row has a place there, too: (first, then).
+    """
+    level: dict[str, int] = {}
+    for step in STEPS:
+        level[step] = 1 + max((level[first] for first, then in lines if then == step), default=-1)
+    for step in set(STEPS) - {then for _, then in lines}:
+        level[step] = min(level[then] for first, then in lines if first == step) - 1
+    found: list[list[tuple[str, str]]] = [[] for _ in range(max(level.values()) + 1)]
+    for step in STEPS:
+        found[level[step]].append((step, step))
+    for first, then in lines:
+        for passed in range(level[first] + 1, level[then]):
+            found[passed].append((first, then))
+    for above, row in pairwise(found):  # below the middle of what leads there
+
+        def middle(place: tuple[str, str], above: list[tuple[str, str]] = above) -> float:
+            step, then = place
+            sources = [step] if step != then else [first for first, end in lines if end == step]
+            at = [index - len(above) / 2 for index, (first, _) in enumerate(above)
+                  if first in sources]  # fmt: skip
+            return sum(at) / len(at) if at else 0.0
+
+        row.sort(key=middle)
+    return found
+
+
 def picture() -> str:
-    """Return the data flow as a Mermaid graph."""
-    label = {step: f's{index}["{step}"]' for index, step in enumerate(STEPS)}
-    lines = [f"  {label[first]} --> {label[then]}" for first, then in arrows()]
-    return "\n".join(["```mermaid", "graph TD", *lines, "```"])
+    """Return the data flow as an SVG that reads on light and on dark."""
+    lines = arrows()
+    found = rows(lines)
+    beside, below = GAP
+    width, height = beside * max(map(len, found)), below * len(found)
+    at = {
+        (place, y): (width / 2 + beside * (x - (len(row) - 1) / 2), below * (y + 0.5))
+        for y, row in enumerate(found)
+        for x, place in enumerate(row)
+    }
+    drawn = [HEAD.format(width=width, height=height)]
+    for first, then in lines:
+        passed = {(first, first), (first, then), (then, then)}
+        drawn.append(arrow([point for (place, _), point in at.items() if place in passed]))
+    drawn += [box(step, *point) for ((step, then), _), point in at.items() if step == then]
+    return "\n".join([*drawn, "</svg>", ""])
+
+
+def arrow(points: list[tuple[float, float]]) -> str:
+    """Return an arrow from the box at the first point, past others, to the box at the last."""
+    half, tip = BOX[1] / 2, 5
+    x, y = points[0]
+    path = f"M{x:g} {y + half:g}"
+    for index, (x_next, y_next) in enumerate(points[1:], 2):
+        end = y_next - half - tip * (index == len(points))
+        bend = (y + half + end) / 2
+        path += f"C{x:g} {bend:g} {x_next:g} {bend:g} {x_next:g} {end:g}"
+        path += f"V{y_next + half:g}" * (index < len(points))
+        x, y = x_next, y_next
+    return f'<path d="{path}" marker-end="url(#tip)"/>'
+
+
+def box(step: str, x: float, y: float) -> str:
+    """Return the box of a step, its centre at x, y."""
+    width, height = BOX
+    corner = f'x="{x - width / 2:g}" y="{y - height / 2:g}"'
+    return (
+        f'<rect {corner} width="{width}" height="{height}" rx="5"/>'
+        f'<text x="{x:g}" y="{y + 5:g}">{html.escape(step, quote=False)}</text>'
+    )
+
+
+HEAD = """\
+<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {width} {height}" width="{width}" \
+height="{height}">
+<title>The steps of the data flow; an arrow leads from a step to one that imports it</title>
+<style>
+path {{ fill: none; stroke: #7d8ca3; stroke-width: 1.5 }}
+#tip path {{ fill: #7d8ca3; stroke: none }}
+rect {{ fill: #e9eff8; stroke: #44689b }}
+text {{ font: 14px sans-serif; fill: #16202e; text-anchor: middle }}
+</style>
+<marker id="tip" viewBox="0 0 8 8" refX="3" refY="4" markerWidth="6" markerHeight="6" \
+orient="auto"><path d="M0 0L8 4L0 8Z"/></marker>"""
 
 
 def table() -> str:
@@ -148,14 +234,11 @@ def table() -> str:
 
 
 def written(page: str) -> str:
-    """Return the page with its picture and its table as they are now."""
-    for name, content in (("picture", picture()), ("table", table())):
-        begin, end = BEGIN.format(name), END.format(name)
-        head, _, rest = page.partition(begin)
-        tail = rest.partition(end)[2]
-        page = f"{head}{begin}\n\n{content}\n\n{end}{tail}"
-    return page
+    """Return the page with its table as it is now."""
+    head, _, rest = page.partition(BEGIN)
+    return f"{head}{BEGIN}\n\n{table()}\n\n{END}{rest.partition(END)[2]}"
 
 
 if __name__ == "__main__":
     PAGE.write_text(written(PAGE.read_text(encoding="utf-8")), encoding="utf-8")
+    PICTURE.write_text(picture(), encoding="utf-8")

@@ -21,8 +21,6 @@ from kr210_sim.record import Event, unplayed_record
 from kr210_sim.runner import run
 from kr210_sim.score import score_cycle
 
-ROOT = Path(__file__).parent.parent
-
 
 def quick_episode(config, scene, episode, _out, _onlooker=None):
     """Stand in for `play_episode`: cycles that follow from their seed alone, without a world."""

@@ -72,7 +72,7 @@ RUN_HERE = [line for line in SHOWN if not is_run_by_ci(line) and not is_run_else
 def test_blocks_say_what_they_are():
     for page in PAGES:
         languages = {language for language, _ in blocks(page)}
-        assert languages <= {"", "sh", "text", "python", "yaml", "mermaid"}, page.name
+        assert languages <= {"", "sh", "text", "python", "yaml"}, page.name
     assert len(SHOWN) > 40
 
 

@@ -31,6 +31,9 @@ architecture, licences = script("make_architecture"), script("make_licences")
 def test_the_page_of_the_architecture_is_that_of_the_files():
     page = (ROOT / "docs" / "architecture.md").read_text(encoding="utf-8")
     assert page == architecture.written(page), "run python docs/make_architecture.py"
+    assert "(images/architecture.svg)" in page
+    drawn = architecture.PICTURE.read_text(encoding="utf-8")
+    assert drawn == architecture.picture(), "run python docs/make_architecture.py"
     for path in (*(ROOT / "ik").glob("*.py"), *(ROOT / "kr210_sim").rglob("*.py")):
         shown = path.relative_to(ROOT).as_posix().removeprefix("kr210_sim/")
         assert page.count(f"| `{shown}` |") == 1
