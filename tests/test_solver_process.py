@@ -73,6 +73,17 @@ def closes(T, q_start):
     while True:
         pass
 
+def limits(T, q_start):
+    import resource
+    resource.setrlimit(resource.RLIMIT_NOFILE, (64, 64))  # its own may be lowered
+    resource.prlimit(os.getppid(), resource.RLIMIT_CORE, (0, 0))
+
+def rings(T, q_start):
+    import ctypes
+    libc = ctypes.CDLL(None, use_errno=True)
+    libc.syscall(425, 1, None)  # io_uring_setup
+    raise OSError(ctypes.get_errno(), "refused")
+
 def secret(T, q_start):
     raise ValueError(os.environ.get("A_TOKEN", "nothing"))
 """
@@ -160,6 +171,15 @@ def test_nothing_is_written_outside_the_scratch_folder(started, tmp_path):
     answer = process.ask(T, HOME)
     assert answer.finding.source.strip() == 'open(OUTSIDE, "w").write("x")'
     assert not outside.exists()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("function", ["limits", "rings"])
+def test_what_amounts_to_a_signal_or_a_socket_is_refused_as_well(started, function):
+    process = started(function)
+    if "not enforced" in process.kept["processes"]:
+        pytest.skip(process.kept["processes"])
+    assert "PermissionError" in process.ask(T[:1], HOME).finding.detail
 
 
 @pytest.mark.parametrize(

@@ -26,16 +26,17 @@ _MAY_READ = 1 << 2
 
 _CALLS = {
     "x86_64": {
-        "arch": 0xC000003E, "clone": 56, "clone3": 435, "socket": 41,
-        "refused": (57, 58, 62, 200, 234, 129, 297, 424, 101, 310, 311),
+        "arch": 0xC000003E, "clone": 56, "clone3": 435, "socket": 41, "prlimit": 302,
+        "refused": (57, 58, 62, 200, 234, 129, 297, 424, 101, 310, 311, 425),
     },
     "aarch64": {
-        "arch": 0xC00000B7, "clone": 220, "clone3": 435, "socket": 198,
-        "refused": (129, 130, 131, 138, 240, 424, 117, 270, 271),
+        "arch": 0xC00000B7, "clone": 220, "clone3": 435, "socket": 198, "prlimit": 261,
+        "refused": (129, 130, 131, 138, 240, 424, 117, 270, 271, 425),
     },
 }  # fmt: skip
 """System calls by machine; refused: fork, vfork, kill, tkill, tgkill, the two that queue signals,
-pidfd_send_signal, ptrace and access to another process's memory."""
+pidfd_send_signal, ptrace, access to another process's memory, and io_uring, which makes sockets
+without the call for it. To set the limits of another process is to end it, too."""
 
 _THREAD, _LOCAL = 0x10000, 1  # CLONE_THREAD, AF_UNIX
 _ALLOW, _REFUSE, _KILL = 0x7FFF0000, 0x00050000, 0x80000000
@@ -121,7 +122,7 @@ def _allow_writing(libc: Any, scratch: Path) -> str:
 
 
 def _filter_calls(libc: Any) -> str:
-    """Refuse new processes, signals to others, and sockets beyond this machine."""
+    """Refuse new processes, signals and limits to others, and sockets beyond this machine."""
     calls = _CALLS.get(platform.machine())
     if calls is None or sys.byteorder != "little":
         return f"not enforced on {platform.machine()}"
@@ -150,6 +151,10 @@ def _program(calls: Any) -> list[tuple[int, int, int, int]]:
     for call in calls["refused"]:
         lines += [(_IF_EQUAL, 0, 1, call), refuse]
     lines += [
+        (_IF_EQUAL, 0, 3, calls["prlimit"]),
+        (_LOAD, 0, 0, argument),
+        (_IF_EQUAL, 9, 0, 0),  # its own limits
+        refuse,
         (_IF_EQUAL, 0, 3, calls["clone"]),
         (_LOAD, 0, 0, argument),
         (_IF_SET, 5, 0, _THREAD),
