@@ -37,11 +37,11 @@ class Uniform:
 
     low: float
     high: float
-    form: ClassVar[str] = "[low, high], low <= high"
+    form: ClassVar[str] = "[low, high], low <= high, their difference a float"
 
     def __post_init__(self) -> None:
-        """Check the order; ValueError otherwise."""
-        if not self.low <= self.high:
+        """Check order and width; ValueError otherwise."""
+        if not 0 <= self.high - self.low < math.inf:
             raise ValueError
 
     @property

@@ -41,6 +41,7 @@ BAD_FILES = {
     "unknown distribution": ('target_x_m = { triangle = [0, 1] }', "triangle"),
     "two distributions": ('target_x_m = { uniform = [0, 1], normal = [0, 1] }', "one of"),
     "reversed": ('target_x_m = { uniform = [0.2, 0.1] }', "low <= high"),
+    "too wide": ("perceived_shift_m = { uniform = [-1e308, 1e308] }", "low <= high"),
     "one bound": ('target_x_m = { uniform = [0.2] }', "low <= high"),
     "text": ('target_x_m = { uniform = ["a", "b"] }', "low <= high"),
     "true": ("target_x_m = true", "no distribution"),
