@@ -103,9 +103,10 @@ def _run(options: argparse.Namespace) -> int:
 def _check_junit(config: RunConfig) -> None:
     """Refuse a place where no file can be written, before anybody waits for cycles."""
     path = config.junit
-    if path is None or path.parent == config.out:
+    if path is None:
         return
-    if path.is_dir() or not path.parent.is_dir():
+    known = path.parent == config.out or path.parent.is_dir()
+    if path == config.out or path.is_dir() or not known:
         raise BadInput(f"--junit: {path} must be a file in a folder that exists")
 
 
