@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import platform
+import shlex
 import time
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import closing, suppress
@@ -125,7 +126,7 @@ def _explain(error: BaseException, config: RunConfig, requested: int, out: Path)
     count = sum(1 for _ in read_lines(out))
     kept = f"{count} of {requested} cycles are kept in {out}"
     if config.only_cycle is None:
-        kept += f"; --out {out} --resume goes on"
+        kept += f"; --out {shlex.quote(str(out))} --resume goes on"
     if isinstance(error, KeyboardInterrupt):
         raise Interrupted(f"interrupted; {kept}") from error
     if isinstance(error, OSError) and not isinstance(error, BrokenPipeError):

@@ -83,6 +83,7 @@ def test_bad_input_is_refused_in_one_line_and_nothing_is_written(here, capfd, op
         (["--viewer", "web", "--jobs", "2"], "--viewer"),
         (["--only-cycle", "1", "--resume", "--out", "run"], "--only-cycle"),
         (["--size", "64x64"], "--video"),
+        (["--out", "run", "--junit", "run"], "--junit"),
     ],
 )
 def test_options_that_do_not_go_together_are_refused_in_one_line(here, capfd, arguments, option):
@@ -200,11 +201,12 @@ def test_an_interrupted_run_exits_with_130_and_keeps_what_is_finished(here, capf
 
     monkeypatch.setattr(kr210_sim.summary, "cycle_line", interrupted)
     scene = write_hasty_scene(here)
-    assert main(["run", "--cycles", "5", "--scene", scene, "--out", "run"]) == 130
+    assert main(["run", "--cycles", "5", "--scene", scene, "--out", "my run"]) == 130
     err = capfd.readouterr().err
     assert err.count("\n") == 1
     assert "interrupted" in err
-    assert len((here / "run" / "cycles.jsonl").read_text().splitlines()) == 2
+    assert "--out 'my run' --resume" in err
+    assert len((here / "my run" / "cycles.jsonl").read_text().splitlines()) == 2
 
 
 def test_a_disk_that_is_full_exits_with_3(here, capfd, monkeypatch):

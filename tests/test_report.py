@@ -271,7 +271,7 @@ def test_in_detail_there_is_room_for_failures_and_at_least_one_success(tmp_path)
     ("spoil", "message"),
     [
         (lambda out: (out / "config.json").unlink(), "is no run"),
-        (lambda out: (out / "summary.json").unlink(), "--resume"),
+        (lambda out: (out / "summary.json").unlink(), "run/config.json --out"),
         (lambda out: (out / "summary.json").write_text("{"), "cannot be read"),
         (lambda out: (out / "summary.json").write_text("[]"), "has no 'passed'"),
         (lambda out: (out / "config.json").write_text("{}"), "has no 'options'"),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import shlex
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -99,9 +100,10 @@ def read_run(out: Path, quantities: Sequence[str] = ()) -> RunData:
     if not out.is_dir() or not (out / CONFIG).is_file():
         raise BadInput(f"report: {out} is no run; give the folder that a run has written")
     if not (out / SUMMARY).is_file():
+        words = ("run", "--config", str(out / CONFIG), "--out", str(out), "--resume")
         raise BadInput(
             f"report: {out} has no {SUMMARY}, the run broke off; go on with it by "
-            f"`kr210-sim run --out {out} --resume`"
+            f"`kr210-sim {shlex.join(words)}`"
         )
     run = RunData(
         out=out,

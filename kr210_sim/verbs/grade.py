@@ -195,7 +195,7 @@ def _class(paths: list[Path], config: Any, options: argparse.Namespace) -> int:
     except KeyboardInterrupt as error:
         raise Interrupted(
             f"interrupted; {len(done)} of {len(items)} solvers are graded in {out}; "
-            f"--out {out} --resume goes on"
+            f"--out {shlex.quote(str(out))} --resume goes on"
         ) from error
     passed = sum(bool(content["passed"]) for content in contents)
     print(f"\n{passed} of {len(contents)} solvers passed\nresults        {out}", file=text)
