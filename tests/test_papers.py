@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib.util
+import re
 import tomllib
 from pathlib import Path
 from types import ModuleType
@@ -81,6 +82,16 @@ def test_citation_and_project_say_the_same():
     assert found["version"] == kr210_sim.__version__
     assert found["license"] == PROJECT["project"]["license"]
     assert found["title"].startswith(PROJECT["project"]["name"])
+
+
+def test_the_changelog_tells_of_this_version_below_what_is_unreleased():
+    text = (ROOT / "CHANGELOG.md").read_text(encoding="utf-8")
+    titles = re.findall(r"^## (\S+)", text, flags=re.MULTILINE)
+    assert titles[:2] == ["Unreleased", kr210_sim.__version__.partition(".dev")[0]]
+    kinds = set(re.findall(r"^### (.*)$", text, flags=re.MULTILINE))
+    assert kinds <= {
+        "Added", "Changed", "Deprecated", "Removed", "Fixed", "Security", "Dependencies",
+    }  # fmt: skip
 
 
 def test_contributing_is_short_and_has_one_check_that_exists():
