@@ -81,9 +81,13 @@ def failed(record: CycleRecord) -> list[str]:
     ("series", "value", "conditions"),
     [
         ("slip_m_max", 0.005, ["held"]),
+        ("slip_m_max", 0.3, ["held"]),
         ("position_excess_max", 1e-4, []),
+        ("position_excess_max", 0.2, ["within_limits"]),
         ("speed_ratio_max", 1.02, []),
+        ("speed_ratio_max", 3.0, ["within_limits"]),
         ("effort_ratio_max", 0.99, ["within_limits"]),
+        ("effort_ratio_max", 1.5, ["within_limits"]),
         ("foreign_contacts_max", 1.0, ["clean"]),
         ("foreign_contacts_max", 2.0, ["clean"]),
     ],
@@ -211,6 +215,8 @@ def test_a_grasp_is_measured_while_it_carries_and_no_longer():
         "contacts": 3,
         "slip_margin": pytest.approx(1.0 - 0.25 / PAD_FRICTION),
     }
+    record.drawn = {"pad_friction": 0.8}
+    assert judge(record).grasp["slip_margin"] == pytest.approx(1.0 - 0.25 / 0.8)
 
 
 def test_what_a_plan_did_not_give_is_not_there():
@@ -315,6 +321,7 @@ def test_of_three_attempts_each_has_its_own_time():
     record = retried()
     again = Event(reason="missed_grasp", stage="CLOSE_GRIPPER", time=4.5, detail="it rolled")
     record.retries.append(Retry(event=again, until=5.0))
+    record.series["slip_m_max"][[7, 8]] = 0.3  # at 4.0 and 4.5 s, in the second one
     score = judge(record)
     assert [attempt["lifted"] for attempt in score.retried] == [True, False]
     assert score.success

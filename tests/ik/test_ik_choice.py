@@ -111,6 +111,7 @@ def test_sliding_counts_the_signs_of_the_arm():
     arm = ik.Arm(a1=0.3, d1=0.5, L2=1, a3=0.1, d4=1, signs=(1, 1, 1, -1, 1, 1), offsets=(0.2,) * 6)
     q = np.array([0.1, 0.2, 0.3, 0.4, -0.2, 0.6])
     slid = ik.slide_wrist(arm, q, 1.5)
+    assert slid[3] == pytest.approx(1.5)
     assert np.abs(ik.forward(arm, slid) - ik.forward(arm, q)).max() < 2e-15
 
 
