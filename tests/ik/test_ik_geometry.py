@@ -90,6 +90,12 @@ def test_any_frames_along_the_axes_give_the_same_arm():
         assert np.nanmax(np.abs(ik.forward(arm, back.q) - T[:, None])) < 5e-14
 
 
+@pytest.mark.parametrize("sign", [1, -1])
+def test_without_a_length_between_axes_1_and_2_the_arm_faces_along_x(sign):
+    arm = ik.Arm(a1=0.0, d1=0.5, L2=1.0, a3=0.1, d4=1.2, signs=(1, sign, 1, 1, 1, 1))
+    assert ik.from_chain(*disguised(arm, np.random.default_rng(6))) == arm
+
+
 def test_fixed_joints_are_folded_in_wherever_they_are():
     chain = parse_urdf(KR210)
     rng = np.random.default_rng(5)
