@@ -163,7 +163,7 @@ def test_the_line_of_a_cycle_is_what_its_record_says():
     moving = 1e-4 * np.array([1, 2, 4, 5, 6, 7, 8, 9, 11, 12])
     place = line.pop("place_offset_m")
     assert place == pytest.approx(0.5)
-    assert line.pop("grasp")["slip_rate_um_s"] == pytest.approx(400.0)
+    assert line.pop("grasp")["slip_rate_um_s"] == pytest.approx(400.0, rel=1e-9)
     tracking = line.pop("tracking_offset_m")
     assert tracking["mean"] == pytest.approx(6.5e-4)
     assert tracking["max"] == pytest.approx(12e-4)
@@ -186,6 +186,12 @@ def test_the_line_of_a_cycle_is_what_its_record_says():
         "wall_clock": {"plan_s": 0.25},
     }  # fmt: skip
     json.dumps(line, allow_nan=False)
+
+
+def test_a_verdict_is_not_changed_afterwards():
+    score = judge(made())
+    with pytest.raises(AttributeError):
+        score.cause = Event(reason="dropped", stage="LIFT", time=1.0, detail="an afterthought")
 
 
 def test_a_failure_says_where_when_and_why():
