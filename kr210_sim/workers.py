@@ -128,10 +128,10 @@ def share_out(
         item, number = again.pop() if again else (next(waiting, None), 1)
         if item is None:
             return False
-        worker = idle.pop() if idle else _Worker()
         seconds = limit(item)
+        worker, future = _given(idle, task, item)
         deadline = time.monotonic() + seconds
-        running[worker.submit(task, item)] = _Attempt(
+        running[future] = _Attempt(
             item=item, number=number, worker=worker, limit=seconds, deadline=deadline
         )
         return True
@@ -157,6 +157,20 @@ def share_out(
     finally:
         for worker in (*idle, *(attempt.worker for attempt in running.values())):
             worker.end()
+
+
+def _given(
+    idle: list[_Worker], task: Callable[[Item], Result], item: Item
+) -> tuple[_Worker, Future[Result]]:
+    """Give a task to an idle worker, or to a new one if there is none."""
+    while idle:
+        worker = idle.pop()
+        try:
+            return worker, worker.submit(task, item)
+        except BrokenProcessPool:  # killed while it had nothing to do, which costs no task
+            worker.end()
+    worker = _Worker()
+    return worker, worker.submit(task, item)
 
 
 def _finished(running: dict[Future[Any], _Attempt[Any]]) -> set[Future[Any]]:

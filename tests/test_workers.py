@@ -49,6 +49,17 @@ def test_a_worker_that_is_killed_costs_its_own_task_one_retry(tmp_path):
     assert losses[0].cause == "killed by signal 9"
 
 
+def test_a_worker_that_is_killed_while_it_has_nothing_to_do_is_replaced():
+    seen, losses = [], []
+    for process in share_out(
+        worker_tasks.name, range(3), jobs=1, limit=lambda _item: 60.0, on_loss=losses.append
+    ):
+        seen.append(process)
+        os.kill(process, signal.SIGKILL)
+        time.sleep(0.5)  # until that is known; else it costs a task its retry
+    assert len(set(seen)) == 3
+
+
 def test_a_task_that_no_worker_survives_is_lost_and_no_other(tmp_path):
     results, losses = results_of(worker_tasks.die, [(tmp_path, n, 9 * (n == 2)) for n in range(6)])
     assert results == [0, 1, 3, 4, 5]
