@@ -148,6 +148,11 @@ def test_angles_of_the_table_are_written_as_parts_of_a_turn(capsys):
         assert values[alpha] == pytest.approx(row["alpha_rad"])
 
 
+def test_formulas_are_no_json(capsys):
+    assert main(["dh", "--symbolic", "--json"]) == 2
+    assert capsys.readouterr().err.startswith("kr210-sim: --json: ")
+
+
 def test_formulas_name_every_transform(capsys):
     pytest.importorskip("sympy")
     assert main(["dh", "--symbolic"]) == 0

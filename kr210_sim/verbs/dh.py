@@ -7,6 +7,7 @@ import json
 from pathlib import Path
 from typing import Any
 
+from kr210_sim.exceptions import BadInput
 from kr210_sim.verbs.common import EXIT_PASSED, ROBOT_OPTIONS, add_option, robot_of
 
 
@@ -28,6 +29,8 @@ def add(verbs: Any) -> None:
 
 
 def _dh(options: argparse.Namespace) -> int:
+    if options.symbolic and options.json:
+        raise BadInput("--json: --symbolic prints formulas alone; leave one of them out")
     from kr210_sim.kinematics import dh_report, dh_symbols, dh_text
 
     robot = robot_of(options)
