@@ -45,11 +45,11 @@ def write_json(path: Path, content: Mapping[str, Any]) -> None:
 
 
 def write_text(path: Path, text: str) -> None:
-    """Write a text file whole or not at all."""
+    """Write a text file whole or not at all; of a file name that is no text, the escaped bytes."""
     part = path.with_name(path.name + _PART)
     with named(path), no_interrupt():
         try:
-            part.write_text(text, encoding="utf-8")
+            part.write_text(text, encoding="utf-8", errors="backslashreplace")
             part.replace(path)
         except OSError:
             part.unlink(missing_ok=True)

@@ -98,6 +98,15 @@ def test_spreadsheets_get_no_formulas(tmp_path, failed):
     assert row["name"] == "'=cmd()"
 
 
+def test_a_name_that_is_no_text_is_shown_escaped_and_linked(tmp_path, failed):
+    name = os.fsdecode(b"caf\xe9")
+    write_class(tmp_path, [failed | {"name": name}], total=1, command=f"kr210-sim grade {name}")
+    assert r"caf\udce9" in (tmp_path / "class.csv").read_text()
+    page = (tmp_path / "class.html").read_text()
+    assert r">caf\udce9<" in page
+    assert 'href="caf%E9/grade.html"' in page
+
+
 @pytest.mark.slow
 @pytest.mark.skipif(sys.platform == "win32", reason="signals")
 def test_a_class_that_is_killed_goes_on(tmp_path):

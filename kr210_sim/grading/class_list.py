@@ -191,7 +191,7 @@ def write_class(out: Path, contents: Sequence[dict[str, Any]], *, total: int, co
         command: that goes on with it.
     """
     part = out / (CLASS + ".part")
-    with part.open("w", encoding="utf-8", newline="") as file:
+    with part.open("w", encoding="utf-8", errors="backslashreplace", newline="") as file:
         table = csv.DictWriter(file, COLUMNS)
         table.writeheader()
         table.writerows(_safe(class_row(content)) for content in contents)

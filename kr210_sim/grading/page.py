@@ -184,4 +184,4 @@ def folder_of(name: str) -> str:
 
 def _link(content: Mapping[str, Any]) -> str:
     """Return where the page of a solver is, beside that of the class."""
-    return quote(f"{folder_of(content['name'])}/grade.html")
+    return quote(f"{folder_of(content['name'])}/grade.html", errors="surrogateescape")
