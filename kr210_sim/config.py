@@ -233,7 +233,12 @@ class RunConfig:
         Raises:
             BadInput: naming the option.
         """
-        return None if self.ik in SOLVERS else SolverSource.parse(self.ik)
+        if self.ik in SOLVERS:
+            return None
+        try:
+            return SolverSource.parse(self.ik, *SOLVERS)
+        except BadInput as error:
+            raise BadInput(f"--ik: {error}") from error
 
     @property
     def scope(self) -> str | None:

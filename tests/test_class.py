@@ -69,7 +69,9 @@ def test_a_class_goes_on_where_it_was(tmp_path, monkeypatch, failed):
     ("arguments", "text"),
     [
         (["absent.py"], "absent.py"),
-        (["nothing"], "no solver"),
+        (["nothing"], "kr210-sim: no solver 'nothing'; give FILE.py, FILE.py:FUNC or MODULE:FUNC"),
+        (["absent.py:f"], "kr210-sim: absent.py"),
+        (["a-b:f"], "kr210-sim: 'a-b'"),
         (["{file}", "--cycles", "0"], "--cycles"),
         (["{file}", "--frame", "tool0"], "--frame"),
         (["{file}", "--ik-scope", "none"], "--ik-scope"),

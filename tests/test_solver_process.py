@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from kr210_sim.config import RunConfig
 from kr210_sim.exceptions import BadInput
 from kr210_sim.grading.findings import Refused
 from kr210_sim.grading.process import SolverProcess, _rows
@@ -131,8 +132,8 @@ def test_answers_that_came_in_time_count(started):
 
 def test_no_file_is_bad_input(tmp_path):
     for text in ("nothing.py:f", f"{tmp_path}/absent.py:f", "solver", ":f", "a b:f", "m:1f"):
-        with pytest.raises(BadInput, match="--ik"):
-            SolverSource.parse(text)
+        with pytest.raises(BadInput, match="--ik: "):
+            RunConfig(ik=text)
 
 
 def test_a_file_without_the_function_says_which_it_has(started):

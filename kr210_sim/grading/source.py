@@ -66,25 +66,25 @@ class SolverSource:
         return cls(file=path.absolute(), function=function)
 
     @classmethod
-    def parse(cls, text: str) -> SolverSource:
+    def parse(cls, text: str, *others: str) -> SolverSource:
         """Read FILE.py:FUNC or MODULE:FUNC.
 
+        Args:
+            text: what was given.
+            others: what may be given as well, for the error.
+
         Raises:
-            BadInput: naming the option and the remedy.
+            BadInput: naming the remedy.
         """
         where, colon, function = text.rpartition(":")
         names = function.split(".")
         if not colon or not where or not all(name.isidentifier() for name in names):
-            raise BadInput(
-                f"--ik: no solver '{text:.80}'; give analytic, numeric, FILE.py:FUNC or MODULE:FUNC"
-            )
+            known = ", ".join((*others, "FILE.py:FUNC"))
+            raise BadInput(f"no solver '{text:.80}'; give {known} or MODULE:FUNC")
         if where.endswith(".py") or "/" in where:
-            try:
-                return cls.from_file(Path(where), function)
-            except BadInput as error:
-                raise BadInput(f"--ik: {error}") from error
+            return cls.from_file(Path(where), function)
         if not all(name.isidentifier() for name in where.split(".")):
-            raise BadInput(f"--ik: '{where:.80}' is neither a .py file nor the name of a module")
+            raise BadInput(f"'{where:.80}' is neither a .py file nor the name of a module")
         return cls(module=where, function=function)
 
 

@@ -92,10 +92,7 @@ def _grade(options: argparse.Namespace) -> int:
 def _source(text: str) -> SolverSource:
     if text.endswith(".py"):
         return SolverSource.from_file(Path(text))
-    try:
-        return SolverSource.parse(text)
-    except BadInput as error:
-        raise BadInput(str(error).replace("--ik: no solver", "no solver")) from error
+    return SolverSource.parse(text, "FILE.py")
 
 
 def _debug(source: SolverSource, config: Any, options: argparse.Namespace) -> int:
