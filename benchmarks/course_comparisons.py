@@ -105,12 +105,12 @@ def numeric(cycles: int, seed: int) -> None:
     }
     for label, cells in rows.items():
         print(f"| {label} | " + " | ".join(cells) + " |")
-    figure, axes = canvas(8.0, 3.6)
+    figure, axes = canvas(5.8, 3.4)
     share = np.linspace(0.0, 100.0, POSES)
     for (name, (missed, _)), colour in zip(found.items(), (BLUE, RED, ARM), strict=True):
         axes.semilogy(share, np.maximum(np.sort(missed), 1e-16), color=colour, lw=2, label=name)
     axes.set_xlabel(
-        "random poses, ordered by offset [%]; a line that ends early failed at the rest"
+        "random poses, ordered by offset [%]\n(a line that ends early failed at the rest)"
     )
     axes.set_ylabel("end-effector offset [m]")
     axes.legend()
@@ -156,7 +156,7 @@ def turns(cycles: int, seed: int) -> None:
         f"{100 * np.median(saved):.0f} % (median of these), at most {100 * saved.max():.0f} %; "
         f"slower on {np.sum(seconds['exact'] > seconds['greedy'] + 1e-9)}."
     )
-    figure, axes = canvas(8.0, 4.2)
+    figure, axes = canvas(5.8, 3.9)
     for name, colour in (("naive", RED), ("greedy", BLUE)):
         axes.loglog(seconds["exact"], seconds[name], ".", color=colour, label=names[name])
     ends = [seconds["exact"].min(), seconds["naive"].max()]
@@ -229,7 +229,7 @@ def planner(cycles: int, seed: int) -> None:
         f"\nWith the waits of the course, {COURSE_WAITS:.0f} s a cycle, the last one takes "
         f"{course + COURSE_WAITS:.0f} s."
     )
-    figure, axes = canvas(8.0, 3.6)
+    figure, axes = canvas(5.8, 3.4)
     at = np.arange(len(rows))
     columns = (("ours", BLUE), ("stops, at the limits", GREEN), ("no stops, 0.2 of them", ARM),
                ("stops, 0.2 of them: the course", RED))  # fmt: skip
@@ -239,7 +239,7 @@ def planner(cycles: int, seed: int) -> None:
     axes.set_ylabel("motion time [s]")
     axes.set_xticks(at)
     axes.set_ylim(0, 1.35 * rows.max())
-    axes.legend(ncols=2, loc="upper left")
+    axes.legend(ncols=2, loc="upper left", fontsize=9.5, columnspacing=1.0)
     save(figure, FIGURES / "comparison_planner.svg")
 
 

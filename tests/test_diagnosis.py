@@ -209,7 +209,9 @@ def test_the_evidence_is_in_the_sentence():
 def test_a_mistyped_length_is_found_by_its_value():
     legs, probes = asked(3, solvers.upper_arm_mistyped)
     (found,) = diagnose(legs, LOWER, UPPER, probes=probes)
-    assert found.text.startswith("A2 is 1.200 m instead of 1.250 m: with that the wrist center")
+    assert found.text.startswith(
+        "The length a2 is 1.200 m instead of 1.250 m: with that the wrist center"
+    )
 
 
 def test_a_solver_that_is_sent_link_6_has_another_right_length():

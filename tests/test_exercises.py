@@ -12,27 +12,27 @@ from types import ModuleType
 import numpy as np
 import pytest
 
-from kr210_sim.cli import main
-from kr210_sim.exceptions import BadInput
 from kr210_sim.grading import exercises
 from kr210_sim.grading.exercises import EXERCISES, check_step, find_exercises, step_text
-from kr210_sim.grading.findings import Refused, Source
+from kr210_sim.grading.findings import Source
 from kr210_sim.grading.forms import Caller
 from kr210_sim.grading.source import SolverLimits, SolverSource
 
 ROOT = Path(__file__).parents[1]
-COURSE = ROOT / "examples" / "course"
+EXAMPLES = ROOT / "examples"
+COURSE = EXAMPLES / "course"
 NAMES = [exercise.name for exercise in EXERCISES]
 
 
-def loaded(name: str) -> ModuleType:
-    spec = importlib.util.spec_from_file_location(name, COURSE / f"{name}.py")
+def loaded(path: Path) -> ModuleType:
+    spec = importlib.util.spec_from_file_location(path.stem, path)
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
     return module
 
 
-SOLVED, TEMPLATE = loaded("solution"), loaded("exercises")
+SOLVED, TEMPLATE = loaded(COURSE / "solution.py"), loaded(COURSE / "exercises.py")
+REQUESTS = loaded(EXAMPLES / "student_ik.py")
 
 
 @pytest.fixture
@@ -85,6 +85,17 @@ def test_template_solution_and_list_agree_on_the_functions(exercise):
     page = int(exercise.page[:2])
     assert (getattr(TEMPLATE, exercise.name).__doc__).startswith(f"Page {page}.")
     assert (ROOT / exercise.document).is_file()
+
+
+def test_the_template_of_requests_has_functions_of_the_course(asked):
+    """What is written for one template fits the other, and `--step` checks it in both."""
+    shared = [name for name in NAMES if hasattr(REQUESTS, name)]
+    assert shared == ["rotation", "dh_pose", "wrist_center", "first_three", "last_three"]
+    for name in shared:
+        mine, theirs = getattr(REQUESTS, name), getattr(TEMPLATE, name)
+        assert inspect.signature(mine) == inspect.signature(theirs)
+        assert mine.__doc__.startswith(theirs.__doc__[:7])
+    assert not asked("rotation", REQUESTS.rotation)["written"]
 
 
 def test_the_template_is_not_written_yet(asked):
@@ -158,6 +169,46 @@ def wrong_sign(theta1, theta2, theta3, T_0_7):
     return SOLVED.last_three(theta1, theta2, theta3, T_0_7) * np.array([1, -1, 1])
 
 
+def in_front(center):
+    """As of atan(y / x)."""
+    theta1, theta2, theta3 = SOLVED.first_three(center)
+    return np.arctan(np.tan(theta1)), theta2, theta3
+
+
+def no_special_case(theta1, theta2, theta3, T_0_7):
+    R0_3 = np.eye(3)
+    for (*row, theta), angle in zip(SOLVED.dh_table(), (theta1, theta2, theta3), strict=False):
+        R0_3 = R0_3 @ SOLVED.transform(*row, theta + angle)[:3, :3]
+    R = R0_3.T @ T_0_7[:3, :3]
+    theta5 = atan2(hypot(R[0, 2], R[2, 2]), R[1, 2])
+    return atan2(R[2, 2], -R[0, 2]), theta5, atan2(-R[1, 1], R[1, 0])
+
+
+def not_of_unit_length(quaternion_xyzw):
+    return SOLVED.rotation(quaternion_xyzw) * np.linalg.norm(quaternion_xyzw) ** 2
+
+
+def classic(alpha, a, d, theta):
+    turned = SOLVED.transform(0, 0, d, theta)
+    return turned @ SOLVED.transform(alpha, a, 0, 0)
+
+
+def a_row_too_early():
+    table = np.array(SOLVED.dh_table())
+    table[:, :2] = np.roll(table[:, :2], -1, axis=0)
+    return table
+
+
+def added_up():
+    table = np.array(SOLVED.joint_table())
+    table[:, :3] = np.cumsum(table[:, :3], axis=0)
+    return table
+
+
+def always_from_the_start(T_0_gripper, q_start):
+    return np.concatenate([SOLVED.solve(T[None], q_start) for T in T_0_gripper])
+
+
 def spinning(T_0_gripper, q_start):
     answer = SOLVED.solve(T_0_gripper, q_start)
     answer[5::2, 5] -= 2 * pi * np.sign(answer[5::2, 5])
@@ -172,9 +223,13 @@ def far_away(T_0_gripper, q_start):
 
 WRONG = [
     ("joint_table", lambda: SOLVED.joint_table()[:6], "shape (6, 6), wanted (7, 6)", None),
-    ("joint_table", lambda: np.array(SOLVED.joint_table()) * 2, "joint_3, z is 2.5", None),
+    ("joint_table", lambda: np.array(SOLVED.joint_table()) * 2, "joint_1, z is 0.66,", None),
     ("dh_table", lambda: [[0, *row[1:]] for row in SOLVED.dh_table()], "row 2, alpha is 0,", None),
+    ("joint_table", added_up, "joint_2, z is 0.75, wanted 0.42; yours are added up", None),
     ("dh_table", otherwise_chosen, "chosen otherwise", None),
+    ("dh_table", a_row_too_early, "row 1, alpha is -1.5708, wanted 0; alpha and a stand", None),
+    ("dh_table", lambda: SOLVED.dh_table() * np.array([180 / pi, 1, 1, 180 / pi]), "degrees", None),
+    ("transform", classic, "row 1, column 2 is 0, wanted 1; yours is the classic", None),
     ("transform", lambda *row: SOLVED.transform(*row).T, "wanted", None),
     ("total_transform", lambda q: np.eye(4), "q = 0: row", None),
     ("rotation", lambda q: SOLVED.rotation(q).T, "golden pose 1", "gripper_correction"),
@@ -186,29 +241,54 @@ WRONG = [
         marks=pytest.mark.slow,
     ),
     ("rotation", lambda q: np.zeros((3, 3)), "row", None),
+    ("rotation", not_of_unit_length, "a quaternion of two digits: row", None),
     ("dh_pose", lambda T: T, "before cell 5: row", "gripper_correction"),
     ("wrist_center", lambda T: T[:3, 3] - 0.193 * T[:3, 2], "x is 2.007, ", "tool_length"),
+    pytest.param(
+        "wrist_center",
+        lambda T: T[:3, 3] + 0.303 * T[:3, 2],
+        "forth along z_7",
+        "gripper_correction",
+        marks=pytest.mark.slow,
+    ),
+    pytest.param(
+        "first_three",
+        lambda center: np.degrees(SOLVED.first_three(center)),
+        "right in degrees",
+        None,
+        marks=pytest.mark.slow,
+    ),
+    ("first_three", in_front, "golden pose 2: theta 1 is -0.788493, wanted 2.3531,", "front_only"),
     ("first_three", no_sag, "missed by 0.054 m", "sag"),
     ("first_three", from_axis_1, "theta 2 is", "shoulder_offset"),
     ("last_three", wrong_sign, "theta 5 is", "wrist_branch"),
+    ("last_three", no_special_case, "theta 5 = 0: ", None),
     ("all_branches", lambda T: SOLVED.all_branches(T)[::2], "has 4 of 8 branches", None),
-    ("all_branches", lambda T: SOLVED.all_branches(T) + 0.1, "row", None),
+    ("all_branches", lambda T: SOLVED.all_branches(T) + 0.1, "8 of 8 rows miss the pose", None),
     ("all_branches", lambda T: [1.0, 2.0], "shape (2,), wanted (n, 6)", None),
     ("nearest_turns", lambda q, q_before, lower, upper: q, "joint_", None),
+    ("nearest_turns", lambda q, q_before, lower, upper: q + 2 * pi, "is beyond its limit", None),
     ("solve", lambda T, q: SOLVED.solve(T, q)[:1], "shape (1, 6), wanted (60, 6)", None),
     pytest.param(
         "solve",
         lambda T, q: SOLVED.solve(T, q) + 0.01,
-        "is missed by",
+        "pose 0 is missed: theta 1 to 3 miss",
         None,
         marks=pytest.mark.slow,
     ),
     ("solve", spinning, "joint 6", "turn_jumps"),
+    pytest.param(
+        "solve",
+        always_from_the_start,
+        "a far turn of the tool: joint 6 moves",
+        "turn_jumps",
+        marks=pytest.mark.slow,
+    ),
     ("solve", far_away, "joint 1 of pose 59 is beyond its limit", "beyond_limits"),
     ("singularity", lambda q: (1, 2), "shape (2,), wanted (3,)", None),
     ("motion_time", lambda *given: given[0] / given[1], "it is 2, wanted 2.3", None),
     ("proved_rate", lambda cycles: 1.0, "1 of 1: it is 1, wanted 0.025", None),
-    ("proved_rate", lambda: 1.0, "does not take 1 arguments", None),
+    ("proved_rate", lambda: 1.0, "does not take 1 argument", None),
     ("proved_rate", lambda cycles: None, "answered None", None),
     ("proved_rate", lambda cycles: "much", "is no number but a str", None),
     ("proved_rate", lambda cycles: 1j, "is complex", None),
@@ -236,95 +316,3 @@ def test_numbers_beyond_all_bounds_are_wrong_and_do_no_harm(asked, robot):
             found = asked(exercise.name, lambda *given, shape=shape: np.full(shape, 1e300))
         assert (found["passed"], found["right"]) == (False, 0)
         assert found["finding"]
-
-
-# ---- the command ----------------------------------------------------------------------------
-
-
-def test_an_unknown_step_is_refused_with_those_there_are():
-    with pytest.raises(BadInput, match="wrist_center"):
-        find_exercises("wrist")
-
-
-@pytest.mark.parametrize(
-    ("arguments", "text"),
-    [
-        (["solution.py", "--step", "nope"], "--step: no step 'nope'"),
-        (["solution.py:solve", "--step", "solve"], "leave ':solve' out"),
-        (["solution.py", "--step", "solve", "--debug-cases"], "not both"),
-        (["solution.py", "exercises.py", "--step", "solve"], "--step: is for one solver"),
-    ],
-)
-def test_bad_input_is_one_line(arguments, text, monkeypatch, capsys):
-    monkeypatch.chdir(COURSE)
-    assert main(["grade", *arguments]) == 2
-    assert text in capsys.readouterr().err
-
-
-STEPS = """
-import os, time
-def wrist_center(T_0_7):
-    open({outside!r}, "w")
-def first_three(center):
-    os._exit(3)
-def last_three(theta1, theta2, theta3, T_0_7):
-    while True:
-        pass
-def dh_table():
-    return [[0.0] * 4] * 3000
-def transform(alpha, a, d, theta):
-    print("alpha is", alpha, "\\x1b[2J")
-"""
-
-
-@pytest.mark.slow
-def test_a_hostile_function_is_held_to_its_process(tmp_path, capsys):
-    outside = tmp_path / "outside"
-    mine = tmp_path / "mine.py"
-    mine.write_text(STEPS.format(outside=str(outside)))
-    for name, text in {
-        "wrist_center": "raised PermissionError",
-        "first_three": "ended itself with status 3",
-        "last_three": "no answer to a case within 1 s",
-        "dh_table": "answered 12000 numbers",
-        "transform": "  it printed alpha is 0.0 ?[2J",
-        "dh_pose": "there is no function dh_pose; it has dh_table, first_three",
-    }.items():
-        patience = "1" if name == "last_three" else "30"
-        assert main(["grade", str(mine), "--step", name, "--pose-timeout", patience]) == 1
-        assert text in capsys.readouterr().out
-    assert not outside.exists()
-
-
-@pytest.mark.slow
-def test_a_step_in_a_process_of_its_own(capsys):
-    assert main(["grade", str(COURSE / "solution.py"), "--step", "wrist_center", "--json"]) == 0
-    printed = capsys.readouterr()
-    (step,) = json.loads(printed.out)
-    assert (step["step"], step["passed"], step["right"]) == ("wrist_center", True, step["cases"])
-    assert "wrist_center: right in" in printed.err
-    assert main(["grade", str(COURSE / "exercises.py"), "--step", "transform"]) == 1
-    assert "not written yet" in capsys.readouterr().out
-
-
-def test_an_answer_that_is_none_is_refused(robot):
-    class Silent(exercises.FunctionProcess):
-        def __init__(self, message):
-            self.message, self._limits = message, SolverLimits()
-
-        def _send(self, message): ...
-
-        def _receive(self, allowed, what):
-            return self.message
-
-        def _drain_now(self): ...
-
-        def _lost(self, detail, **more):
-            return super()._lost(detail)
-
-        def _kill(self): ...
-
-    for message in ({}, {"values": "x"}, {"values": [[1], [1, 2]]}, {"values": []},
-                    {"values": [float("inf")]}, {"values": {}}):  # fmt: skip
-        with pytest.raises(Refused):
-            Silent({"event": "values"} | message).call(())

@@ -252,6 +252,29 @@ def test_debug_cases_print_the_errors_of_golden_poses(robot):
     )
 
 
+def test_of_many_debug_cases_the_worst_is_shown(robot):
+    """A thousand cases are a line, not a flood."""
+
+    class OneOff:
+        source = SolverSource(module="one_off")
+
+        def load(self): ...
+
+        def ask(self, T, q_start):
+            q = ik.inverse(robot.geometry, T[0]).q[:1] + (0.01 if np.allclose(T[0], bad) else 0.0)
+            return Answer(q=q, seconds=np.ones(1), finding=None)
+
+    cases = [case for case in random_cases(robot, 40, 0)
+             if ik.inverse(robot.geometry, case.T_base_palm).valid[0]]  # fmt: skip
+    bad = cases[6].T_base_palm
+    lines = debug_text(OneOff(), robot, [*GOLDEN, *cases]).splitlines()
+    shown = [line for line in lines if line.startswith("case ")]
+    numbers = [int(line.split()[1]) for line in shown]
+    assert numbers == [1, 2, 3, 10]
+    assert f"{len(cases) - 1} random cases are not shown; the worst is" in lines
+    assert lines[-1].endswith("in case 10")
+
+
 def test_debug_cases_without_an_answer_are_counted(robot):
     class Silent:
         source = SolverSource(module="silent")

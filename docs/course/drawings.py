@@ -118,7 +118,7 @@ def _draw_arm(axes: Any, q: Any, *, colour: str = ARM) -> Any:
 
 def dh_frames() -> Figure:
     """Draw the DH frames at q = 0, seen from -y."""
-    figure, axes = canvas(7.4, 5.5, equal=True)
+    figure, axes = canvas(5.8, 4.7, equal=True)
     _, two, three, W, G = _draw_arm(axes, np.zeros(6))
     chain = robot().chain
     table = ik.dh_from_chain(chain.origins, chain.axes, chain.T_last_palm)
@@ -127,7 +127,13 @@ def dh_frames() -> Figure:
         frames.append(frames[-1] @ step)
     shift = {0: (0, 0), 1: (0, 0), 2: (0, 0), 3: (0, 0), 7: (0, 0)}
     # frames 4, 5 and 6 share their origin: drawn below it, one after the other
-    shift |= {4: (-0.42, -0.72), 5: (0.0, -0.72), 6: (0.42, -0.72)}
+    shift |= {4: (-0.55, -0.72), 5: (0.0, -0.72), 6: (0.42, -0.72)}
+    beside = {
+        "z2": (0.28, -0.02),
+        "z3": (0.28, -0.02),
+        "x1": (-0.1, -0.09),
+        "z0": (-0.17, -0.1),
+    }  # else in the way
     for i, T in enumerate(frames):
         at = _side(T[:3, 3]) + shift[i]
         if i in (4, 5, 6):
@@ -137,16 +143,16 @@ def dh_frames() -> Figure:
             if abs(way[1]) > 0.5:
                 axes.plot(*at, "o", ms=13, mfc="white", mec=colour, zorder=4)
                 axes.plot(*at, "." if way[1] < 0 else "x", ms=8, color=colour, zorder=5)
-                axes.text(at[0] - 0.09, at[1] - 0.09, f"{name}{i}", color=colour, ha="right",
-                          va="top", fontsize=11)  # fmt: skip
+                label = at - 0.09 + beside.get(f"{name}{i}", (0.0, 0.0))
+                axes.text(*label, f"{name}{i}", color=colour, ha="right", va="top", fontsize=11)
             else:
                 end = at + 0.26 * _side(way)
                 _arrow(axes, at, end, colour)
-                axes.text(*(end + 0.07 * _side(way)), f"{name}{i}", color=colour, ha="center",
-                          va="center", fontsize=11)  # fmt: skip
+                label = end + 0.08 * _side(way) + beside.get(f"{name}{i}", (0.0, 0.0))
+                axes.text(*label, f"{name}{i}", color=colour, ha="center", va="center", fontsize=11)
     _size(axes, (-0.3, 0), (-0.3, two[1]), "d1 = 0.75", (-0.02, 0))
     axes.texts[-1].set_ha("right")
-    _size(axes, (0, 0.58), (two[0], 0.58), "a1 = 0.35", (0.13, -0.09))
+    _size(axes, (0, 0.5), (two[0], 0.5), "a1 = 0.35", (0.13, -0.09))
     _size(axes, two - (0.2, 0), three - (0.2, 0), "a2 = 1.25", (-0.03, 0))
     axes.texts[-1].set_ha("right")
     _size(axes, (three[0], 2.42), (W[0], 2.42), "d4 = 1.5", (0, 0.08))
@@ -168,7 +174,7 @@ def dh_frames() -> Figure:
 def four_moves() -> Figure:
     """Draw the four moves of row 2: from frame 1 to frame 2."""
     with matplotlib.rc_context(STYLE):
-        figure = Figure(figsize=(6.4, 4.3), layout="constrained", facecolor="white")
+        figure = Figure(figsize=(5.6, 3.5), layout="constrained", facecolor="white")
         FigureCanvasSVG(figure)
     one = np.eye(4)
     one[2, 3] = 0.75
@@ -221,7 +227,7 @@ def _reaching(p: Any) -> Any:
 
 def wrist_center() -> Figure:
     """Draw the way back from the gripper to the wrist center, before a cell."""
-    figure, axes = canvas(7.0, 2.9, equal=True)
+    figure, axes = canvas(5.6, 2.7, equal=True)
     *_, W, G = _draw_arm(axes, _reaching(BEFORE_CELL))
     _arrow(axes, G, np.add(G, (0.32, 0)), BLUE)
     axes.text(G[0] + 0.36, G[1], "z₇ (x of gripper_link)", color=BLUE, va="center")
@@ -234,18 +240,18 @@ def wrist_center() -> Figure:
     _size(axes, np.add(W, (0, 0.27)), np.add(G, (0, 0.27)), "0.303", (0, 0.07))
     _size(axes, link6 - (0, 0.27), G - (0, 0.27), "0.11", (0, -0.07))
     axes.text(link6[0] - 0.08, G[1] - 0.27, "link_6", color=SOFT, ha="right", va="center")
-    axes.set_xlim(1.0, 3.35)
+    axes.set_xlim(1.25, 3.25)
     axes.set_ylim(1.3, 2.1)
     return figure
 
 
 def triangle() -> Figure:
     """Draw the triangle of theta 2 and theta 3, and the sag of the forearm."""
-    figure, axes = canvas(7.4, 4.8, equal=True)
+    figure, axes = canvas(5.8, 4.1, equal=True)
     q = _reaching(FAR)
     _, two, three, W, _ = _draw_arm(axes, q)
     for a, b, text, beside in (
-        (two, three, "a2 = 1.25", (-0.3, -0.22)),
+        (two, three, "a2 = 1.25", (-0.44, -0.2)),
         (three, W, "L = 1.501", (0.0, 0.13)),
         (two, W, "D", (0.35, 0.0)),
     ):
@@ -288,7 +294,7 @@ def _arc(axes: Any, center: Any, a: float, b: float, radius: float, text: str, c
 def _sag(figure: Figure) -> None:
     """Draw the forearm at theta 3 = 0, stretched four times upwards."""
     d4, a3, times = ARM_MODEL.d4, ARM_MODEL.a3, 4.0
-    axes = figure.add_axes((0.63, 0.07, 0.36, 0.22))
+    axes = figure.add_axes((0.56, 0.02, 0.43, 0.3))
     axes.set_axis_off()
     low = times * a3
     axes.plot([0, 0, d4], [0, low, low], color=ARM, lw=6, alpha=0.45, solid_joinstyle="round")
@@ -303,7 +309,7 @@ def _sag(figure: Figure) -> None:
         va="bottom",
         fontsize=10,
     )
-    axes.text(1.02, -0.055, "sag 0.036 rad", color=RED, ha="center", va="center", fontsize=10)
+    axes.text(1.08, -0.065, "sag 0.036 rad", color=RED, ha="center", va="center", fontsize=10)
     axes.text(-0.04, low / 2, "0.054", color=SOFT, ha="right", va="center", fontsize=10)
     axes.text(d4 / 2, low - 0.04, "d4 = 1.5", color=SOFT, ha="center", va="top", fontsize=10)
     axes.text(d4 + 0.05, low, "W", va="center", fontsize=11)

@@ -18,7 +18,7 @@ from kr210_sim.time_law import TimeLaw
 
 def turns() -> Figure:
     """Plot joint 6 along a leg, as atan2 gives it and with the nearest turns."""
-    figure, axes = canvas(8.0, 3.4)
+    figure, axes = canvas(5.8, 3.0)
     s = np.linspace(0.0, 1.0, 60)
     start, end = (
         np.array([0.0, 0.2, -0.3, 0.6, 0.9, 2.2]),
@@ -40,7 +40,7 @@ def turns() -> Figure:
 
 def wrist_pass() -> Figure:
     """Plot joint 4 along straight lines that pass the wrist singularity at several distances."""
-    figure, axes = canvas(8.0, 3.6)
+    figure, axes = canvas(5.8, 3.2)
     R = np.eye(4)
     middle = ik.forward(ARM_MODEL, np.array([0.0, 0.3, -0.3, 0.0, 0.0, 0.0]))[:3, 3]
     way = 0.4 * np.linspace(-1.0, 1.0, 801) ** 5  # closest where joint 4 is fastest
@@ -49,11 +49,11 @@ def wrist_pass() -> Figure:
         poses[:, :3, 3] = middle + np.array([0.0, 0.0, 1.0]) * way[:, None] + (0.0, distance, 0.0)
         q4 = np.unwrap(ik.inverse(ARM_MODEL, poses).q[:, 0, 3])
         steepest = np.max(np.abs(np.diff(q4) / np.diff(way)))
-        label = f"{1e3 * distance:.0f} mm beside it: up to {steepest:.0f} rad per m"
+        label = f"{1e3 * distance:.0f} mm beside it: ≤ {steepest:.0f} rad per m"
         axes.plot(1e3 * way, np.degrees(q4 - q4[0]), color=colour, label=label)
     axes.set_xlabel("height above the singular pose [mm]")
     axes.set_ylabel("joint 4 turns [deg]")
-    axes.legend(loc="best")
+    axes.legend(loc="lower right")
     return figure
 
 
@@ -71,7 +71,7 @@ def lu_inverse(M: Any) -> Any:
 
 def transpose() -> Figure:
     """Plot how far three inverses of R0_3 are from one, over a thousand configurations."""
-    figure, axes = canvas(8.0, 3.6)
+    figure, axes = canvas(5.8, 3.2)
     arm = robot()
     table = ik.dh_from_chain(arm.chain.origins, arm.chain.axes, arm.chain.T_last_palm)
     inverses = {"elimination, rows as they come": lu_inverse, "numpy.linalg.inv": np.linalg.inv,
@@ -97,7 +97,7 @@ def transpose() -> Figure:
 def motion() -> Figure:
     """Plot one motion from rest to rest: position, speed, acceleration and jerk."""
     with matplotlib.rc_context(STYLE):
-        figure = Figure(figsize=(8.0, 5.2), layout="tight", facecolor="white")
+        figure = Figure(figsize=(5.8, 4.8), layout="tight", facecolor="white")
         FigureCanvasSVG(figure)
         axes = figure.subplots(4, 1, sharex=True)
     law = TimeLaw(2.0, 2.0, 8.0, 160.0)
@@ -117,7 +117,7 @@ def motion() -> Figure:
 
 def stops() -> Figure:
     """Plot the speed of one joint through twenty poses, with a stop at each and with none."""
-    figure, axes = canvas(8.0, 3.4)
+    figure, axes = canvas(5.8, 3.0)
     v, a, j, way, poses = 2.0, 8.0, 160.0, 2.0, 20
     for share, count, colour, name in (
         (0.2, poses, RED, "stop at each of 20 poses, 0.2 of the limits"),
@@ -136,7 +136,7 @@ def stops() -> Figure:
 
 def proof() -> Figure:
     """Plot the success rate that so many successes in a row prove."""
-    figure, axes = canvas(8.0, 3.4)
+    figure, axes = canvas(5.8, 3.0)
     cycles = np.arange(1, 201)
     rates = [100 * success_interval(int(n), int(n))[0] for n in cycles]
     axes.plot(cycles, rates, color=BLUE, lw=2)

@@ -45,8 +45,9 @@ def shown(
     *,
     floor: bool = True,
     size: tuple[int, int] = SIZE,
+    letters: float = 0.036,
 ) -> Image.Image:
-    """Draw the arm at q (6,) with arrows, whose labels stand at their heads."""
+    """Draw the arm at q (6,) with arrows, their labels at the heads in letters of a share of it."""
     import mujoco
 
     model, robot = _model(floor=floor)
@@ -60,7 +61,7 @@ def shown(
     # lines are drawn large and reduced, which smoothes them
     large = image.resize((2 * SIZE[0], 2 * SIZE[1]), Image.Resampling.LANCZOS)
     pen = ImageDraw.Draw(large)
-    font = ImageFont.load_default(size=0.036 * large.height)
+    font = ImageFont.load_default(size=letters * large.height)
     for start, end, colour, label in arrows:
         a, b = (np.array(large.size) * seen[0](p) for p in (start, end))
         _arrow(pen, a, b, tuple(int(255 * value) for value in colour), label, font)
@@ -168,7 +169,8 @@ def wrist_axes() -> Image.Image:
         (W - 0.35 * z, W + 0.5 * z, colour, f"axis {i + 4}")
         for i, (z, colour) in enumerate(zip(directions[3:], (RED, GREEN, BLUE), strict=True))
     ]
-    return shown(q, (128.0, -20.0), W, 3.3, arrows, floor=False)
+    image = shown(q, (128.0, -20.0), W, 3.3, arrows, floor=False)
+    return image.crop((0, 80, SIZE[0], 578))  # without the shoulder, which is cut
 
 
 def branches() -> Image.Image:
@@ -216,9 +218,11 @@ def singularities() -> Image.Image:
             arrows = [(points[1], W, AXIS_COLOUR, "")]
         else:
             arrows = [(W - 0.9 * directions[3], W + 0.6 * directions[3], AXIS_COLOUR, "4, 6")]
-        image = shown(q, (104.0, -8.0), (0.9, 0.0, 1.65), 11.4, arrows).crop((180, 50, 780, 690))
+        image = shown(q, (104.0, -8.0), (0.9, 0.0, 1.65), 11.4, arrows, letters=0.055).crop(
+            (180, 50, 780, 690)
+        )
         pen = ImageDraw.Draw(image)
-        font = ImageFont.load_default(size=34)
+        font = ImageFont.load_default(size=40)
         pen.text((300, 30), name, fill=(30, 30, 35), font=font, anchor="mm")
         sheet.paste(image, (600 * i, 0))
     return sheet.resize((1080, 384), Image.Resampling.LANCZOS)

@@ -62,6 +62,7 @@ GOLDEN = (
 """The course's three."""
 
 _NEAR = 1e-3  # [m]
+_MOST_SHOWN = 10  # cases
 
 _WARNING = """** Other branches and turns are as right as the angles compared with here: large theta
    errors alone prove nothing, the error of the end effector does. **"""
@@ -91,7 +92,17 @@ def debug_text(solver: ForeignSolver, robot: Robot, cases: Sequence[DebugCase]) 
         text, offset = _case_text(solver, robot, case, f"case {number} of {len(cases)}")
         texts.append(text)
         offsets.append(offset)
-    return "\n\n".join([*texts, _overall(offsets)])
+    return "\n\n".join([*_shown(texts, offsets), _overall(offsets)])
+
+
+def _shown(texts: Sequence[str], offsets: Sequence[float]) -> list[str]:
+    """Return all cases, or of many the golden ones and the worst of the others."""
+    golden, others = texts[: len(GOLDEN)], offsets[len(GOLDEN) :]
+    if len(texts) <= _MOST_SHOWN:
+        return list(texts)
+    worst = int(np.argmax(np.nan_to_num(others, nan=np.inf)))
+    hidden = f"{len(others) - 1} random cases are not shown; the worst is"
+    return [*golden, hidden, texts[len(GOLDEN) + worst]]
 
 
 def _overall(offsets: Sequence[float]) -> str:

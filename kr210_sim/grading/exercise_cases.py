@@ -24,6 +24,8 @@ HOME = np.zeros(6)
 _BEFORE_CELL = (2.2, 0.0, 1.678)  # of gripper_link, 0.4 m before the middle of cell 5 [m]
 _OVER_BIN = (-0.1, 2.5, 1.6)
 _POSES = 60  # of a leg
+_STRETCHED = ((0.0, (0.0, 0.0, 1.2)), (1e-4, (0.5, 1e-4, 0.7)))  # theta 5, theta 4 to 6 [rad]
+_FAR_TURNED = (-0.6, 5.4)  # joint 6 at the ends of a leg: further than atan2 goes [rad]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -73,6 +75,37 @@ def of_poses(
             found.append(Case(title=title, arguments=arguments, wanted=wanted, T=T[None]))
         return found
 
+    return cases
+
+
+def rotations(robot: Robot, seed: int) -> list[Case]:
+    """Ask for the matrices of quaternions, one of them rounded and so no longer of unit length."""
+
+    def question(robot: Robot, T: Array) -> tuple[tuple[Any, ...], Array]:
+        return (Rotation.from_matrix(T[:3, :3]).as_quat(),), T[:3, :3]
+
+    cases = of_poses(question)(robot, seed)
+    T = cases[1].T.copy()
+    rounded = np.round(cases[1].arguments[0], 2)
+    T[0, :3, :3] = Rotation.from_quat(rounded).as_matrix()
+    title = "a quaternion of two digits"
+    return [*cases, Case(title=title, arguments=(rounded,), wanted=T[0, :3, :3], T=T)]
+
+
+def wrists(robot: Robot, seed: int) -> list[Case]:
+    """Ask for theta 4 to 6, at and next to the singular wrist, too."""
+
+    def question(robot: Robot, T: Array) -> tuple[tuple[Any, ...], Array]:
+        q = front(robot, T)
+        return (*q[:3].tolist(), T_0_7_of(robot, T)), q[3:]
+
+    cases = of_poses(question)(robot, seed)
+    for theta5, wanted in _STRETCHED:
+        q = np.array([0.3, 0.2, -0.4, 0.5, theta5, 0.7])
+        T = ik.forward(robot.geometry, q)
+        arguments = (*q[:3].tolist(), T_0_7_of(robot, T))
+        title = f"theta 5 = {theta5:g}"
+        cases.append(Case(title=title, arguments=arguments, wanted=np.array(wanted), T=T[None]))
     return cases
 
 
@@ -184,17 +217,20 @@ def turns(robot: Robot, seed: int) -> list[Case]:
 
 
 def legs(robot: Robot, seed: int) -> list[Case]:
-    """Return two legs like those of a cycle, and single poses asked for from home."""
+    """Return legs like those of a cycle, one with a far turn, and single poses from home."""
     arm, limits = robot.geometry, (robot.lower, robot.upper)
     T_cell, T_bin = np.eye(4), np.eye(4)
     T_cell[:3, 3], T_bin[:3, 3] = _BEFORE_CELL, _OVER_BIN
     T_bin[:3, :3] = Rotation.from_euler("z", 90, degrees=True).as_matrix()
     q_cell = ik.nearest(ik.inverse(arm, T_cell).q, HOME, *limits)
     q_bin = ik.nearest(ik.inverse(arm, T_bin).q, q_cell, *limits)
+    q_ahead = np.array([0.0, 0.1, 0.2, 0.4, 0.6, 0.0])
+    q_near, q_far = q_ahead + np.outer(_FAR_TURNED, np.eye(6)[5])
     cases = []
     for title, start, end in (
         ("the way from home to a cell", HOME, q_cell),
         ("the way from a cell to the bin", q_cell, q_bin),
+        ("a far turn of the tool", q_near, q_far),
     ):
         q = start + np.linspace(0.0, 1.0, _POSES + 1)[1:, None] * (end - start)
         T = ik.forward(arm, q)

@@ -9,7 +9,6 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 import ik
 from kr210_sim.arrays import Array
@@ -84,6 +83,7 @@ EXERCISES = (
         page="01-joint-table.md",
         cases=asked.joint_table,
         entries=((*_JOINTS, "gripper_joint"), (*_XYZ, *_AXES)),
+        judge=judges.joint_rows,
     ),
     Exercise(
         call="dh_table()",
@@ -98,6 +98,7 @@ EXERCISES = (
         answer="T_(i-1)_i (4, 4) of one row",
         page="03-transforms.md",
         cases=asked.transform,
+        judge=judges.row_transform,
     ),
     Exercise(
         call="total_transform(q)",
@@ -109,9 +110,7 @@ EXERCISES = (
         call="rotation(quaternion_xyzw)",
         answer="the rotation matrix (3, 3) of a quaternion",
         page="04-gripper-frame.md",
-        cases=asked.of_poses(
-            lambda robot, T: ((Rotation.from_matrix(T[:3, :3]).as_quat(),), T[:3, :3])
-        ),
+        cases=asked.rotations,
         whole=judges.from_rotation,
     ),
     Exercise(
@@ -129,6 +128,7 @@ EXERCISES = (
             lambda robot, T: ((asked.T_0_7_of(robot, T),), ik.wrist_center(robot.geometry, T))
         ),
         entries=(_XYZ,),
+        judge=judges.back_along_z,
         whole=judges.from_center,
     ),
     Exercise(
@@ -146,12 +146,7 @@ EXERCISES = (
         call="last_three(theta1, theta2, theta3, T_0_7)",
         answer="theta 4, 5, 6 [rad]",
         page="07-theta-4-to-6.md",
-        cases=asked.of_poses(
-            lambda robot, T: (
-                (*asked.front(robot, T)[:3].tolist(), asked.T_0_7_of(robot, T)),
-                asked.front(robot, T)[3:],
-            )
-        ),
+        cases=asked.wrists,
         entries=(("theta 4", "theta 5", "theta 6"),),
         judge=judges.reaches_rotation,
         whole=judges.from_last_three,
@@ -172,6 +167,7 @@ EXERCISES = (
         page="08-branches-and-turns.md",
         cases=asked.turns,
         entries=(_JOINTS,),
+        judge=judges.copies,
     ),
     Exercise(
         call="solve(T_0_gripper, q_start)",
@@ -327,16 +323,19 @@ def _diagnoses(
     """Return the known mistakes that explain wrong answers, all other steps done right."""
     if exercise.whole is None:
         return []
-    legs = []
+    legs, names = [], []
     for case, answer in zip(cases, answers, strict=False):
         if exercise.any_shape and answer.shape != (len(case.T), 6):
             continue
         q = exercise.whole(robot, case, answer)
         if np.isfinite(q).all():
-            legs.append((case.T, q[0], q))
+            # Single poses have no way between them.
+            start = q[0] if exercise.any_shape else np.full(6, np.nan)
+            legs.append((case.T, start, q))
+            names.append(case.title)
     # A part of an answer may be right in a branch that is not within limits.
     lower, upper = (robot.lower, robot.upper) if exercise.any_shape else (-_FREE, _FREE)
-    found = diagnose(legs, lower, upper, arm=robot.geometry)
+    found = diagnose(legs, lower, upper, arm=robot.geometry, names=names)
     return [item.as_json() for item in found if item.key != "unexplained"]
 
 

@@ -144,7 +144,8 @@ class Caller:
             try:
                 inspect.signature(self._solver).bind(*given)
             except TypeError as error:
-                raise self._refuse("form", f"does not take {len(given)} arguments") from error
+                count = f"{len(given)} argument" + ("s" if len(given) != 1 else "")
+                raise self._refuse("form", f"does not take {count}") from error
         answer, _ = self._call(None, *given)
         if answer is None:
             raise self._refuse("none", "answered None")

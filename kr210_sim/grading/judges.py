@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 import ik
 from kr210_sim.arrays import Array
@@ -17,6 +18,11 @@ TOLERANCE = 1e-6
 
 _ALIKE = 1e-3
 """Branches that are nearer to each other than this are the same [rad]."""
+
+_ROUNDING = 1e-12
+"""Numbers below are shown as zero [1]."""
+
+_DEGREES = " (right in degrees; answer in radians)"
 
 Entry = Callable[[tuple[int, ...]], str]
 """From the index in an answer to what a reader calls it."""
@@ -37,14 +43,42 @@ def close(robot: Robot, case: Case, answer: Array, entry: Entry) -> tuple[float,
 
 
 def _compared(wanted: Array, answer: Array, error: Array, entry: Entry) -> tuple[float, str]:
-    worst = tuple(int(i) for i in np.unravel_index(int(np.argmax(error)), error.shape))
-    text = f"{entry(worst)} is {answer[worst]:.6g}, wanted {wanted[worst]:.6g}"
-    return float(error[worst]), text
+    """Return the largest error and the first wrong entry: others may follow from that one."""
+    first = tuple(int(i) for i in np.unravel_index(int(np.argmax(error > TOLERANCE)), error.shape))
+    text = f"{entry(first)} is {_number(answer[first])}, wanted {_number(wanted[first])}"
+    return float(error.max()), text
+
+
+def _number(value: float) -> str:
+    return "0" if abs(value) < _ROUNDING else f"{value:.6g}"
+
+
+def _alike(one: Array, other: Array) -> bool:
+    return bool(np.allclose(one, other, rtol=0.0, atol=TOLERANCE))
 
 
 def _apart(a: Array, b: Array) -> Array:
     """Return how far angles are apart, whole turns aside [rad]."""
     return np.asarray(np.abs((a - b + np.pi) % TURN - np.pi))
+
+
+def joint_rows(robot: Robot, case: Case, answer: Array, entry: Entry) -> tuple[float, str]:
+    """Compare joint tables."""
+    worst, text = close(robot, case, answer, entry)
+    if worst > TOLERANCE and _alike(answer[:, :3], np.cumsum(case.wanted[:, :3], axis=0)):
+        text += "; yours are added up from the base, wanted is each from the joint before"
+    return worst, text
+
+
+def row_transform(robot: Robot, case: Case, answer: Array, entry: Entry) -> tuple[float, str]:
+    """Compare transforms of a row."""
+    worst, text = close(robot, case, answer, entry)
+    alpha, a, d, theta = case.arguments
+    turned = Rotation.from_euler("ZX", (theta, alpha)).as_matrix()
+    classic = np.column_stack([turned, (a * np.cos(theta), a * np.sin(theta), d)])
+    if worst > TOLERANCE and _alike(answer[:3], classic):
+        text += "; yours is the classic Rz Tz Tx Rx, the modified convention has Rx Tx Rz Tz"
+    return worst, text
 
 
 def same_table(robot: Robot, case: Case, answer: Array, entry: Entry) -> tuple[float, str]:
@@ -54,6 +88,36 @@ def same_table(robot: Robot, case: Case, answer: Array, entry: Entry) -> tuple[f
     worst, text = _compared(case.wanted, answer, error, entry)
     if worst > TOLERANCE and _moves_alike(answer, case.wanted):
         text += "; your frames describe this arm, too, but are chosen otherwise than on the page"
+    elif worst > TOLERANCE and _alike(answer[:-1, :2], case.wanted[1:, :2]):
+        text += "; alpha and a stand a row too early: row i has alpha_(i-1) and a_(i-1)"
+    elif worst > TOLERANCE and _alike(np.radians(answer[:, [0, 3]]), case.wanted[:, [0, 3]]):
+        text += _DEGREES
+    return worst, text
+
+
+def back_along_z(robot: Robot, case: Case, answer: Array, entry: Entry) -> tuple[float, str]:
+    """Compare wrist centers."""
+    worst, text = close(robot, case, answer, entry)
+    (T,) = case.arguments
+    way = float(np.linalg.norm(case.wanted - T[:3, 3]))
+    taken = {
+        "yours goes back along the first column": T[:3, 0],
+        "yours goes back along the third row": T[2, :3],
+        "yours goes forth along z_7": -T[:3, 2],
+    }
+    for what, direction in taken.items():
+        if worst > TOLERANCE and _alike(answer, T[:3, 3] - way * direction):
+            return worst, f"{text}; {what}, wanted is back along z_7, the third column"
+    return worst, text
+
+
+def copies(robot: Robot, case: Case, answer: Array, entry: Entry) -> tuple[float, str]:
+    """Compare angles that are to be next to others, within limits."""
+    worst, text = close(robot, case, answer, entry)
+    *_, lower, upper = case.arguments
+    beyond = np.flatnonzero(beyond_limits(answer, lower, upper))
+    if worst > TOLERANCE and len(beyond):
+        text += f"; {entry((int(beyond[0]),))} is beyond its limit"
     return worst, text
 
 
@@ -73,11 +137,20 @@ def reaches_center(robot: Robot, case: Case, answer: Array, entry: Entry) -> tup
     (center,) = case.arguments
     reached = ik.wrist_center(arm, ik.forward(arm, np.append(answer, [0.0, 0.0, 0.0])))
     missed = float(np.linalg.norm(reached - center))
-    branches = ik.inverse(arm, case.T[0]).q[:, :3]
-    apart = np.where(np.isnan(branches), np.inf, _apart(branches, answer))
-    nearest = int(np.argmin(apart.max(axis=1)))
-    _, text = _compared(branches[nearest], answer, apart[nearest], entry)
+    branches = ik.inverse(arm, case.T[0])
+    text = _beside(branches.q[branches.valid, :3], answer, entry)
     return missed, f"{text}, and the wrist center is missed by {missed:.3g} m"
+
+
+def _beside(branches: Array, answer: Array, entry: Entry) -> str:
+    """Return where an answer (3,) differs from the branch of (n, 3) that was meant."""
+    apart = _apart(branches, answer)
+    # Of most right angles, then the nearest: a single wrong one is named.
+    meant = np.lexsort((apart.max(axis=1), (apart > TOLERANCE).sum(axis=1)))[0]
+    wanted = (branches[meant] + np.pi) % TURN - np.pi
+    _, text = _compared(wanted, answer, apart[meant], entry)
+    in_degrees = np.any(_apart(branches, np.radians(answer)).max(axis=1) < TOLERANCE)
+    return text + (_DEGREES if in_degrees else "")
 
 
 def reaches_rotation(robot: Robot, case: Case, answer: Array, entry: Entry) -> tuple[float, str]:
@@ -86,11 +159,7 @@ def reaches_rotation(robot: Robot, case: Case, answer: Array, entry: Entry) -> t
     reached = ik.forward(robot.geometry, np.append(arm_angles, answer))
     turned = _angle(reached, case.T[0])
     flipped = case.wanted * [1, -1, 1] + [np.pi, 0.0, np.pi]
-    pair = np.stack([case.wanted, flipped])
-    apart = _apart(pair, answer)
-    nearest = int(np.argmin(apart.max(axis=1)))
-    wanted = answer + (pair[nearest] - answer + np.pi) % TURN - np.pi
-    _, text = _compared(wanted, answer, apart[nearest], entry)
+    text = _beside(np.stack([case.wanted, flipped]), answer, entry)
     return turned, f"{text}, and the gripper is turned by {turned:.3g} rad"
 
 
@@ -104,9 +173,12 @@ def has_all(robot: Robot, case: Case, answer: Array, entry: Entry) -> tuple[floa
     """Accept all branches in any order, each in any turn."""
     if answer.ndim != 2 or answer.shape[1] != 6 or not len(answer):
         return np.inf, f"answered an array of shape {answer.shape}, wanted (n, 6)"
-    worst, row = max((_missed(robot, q, case.T[0]), i) for i, q in enumerate(answer))
-    if worst > TOLERANCE:
-        return worst, f"row {row + 1} misses the pose by {worst:.3g} (m or rad)"
+    missed = [_missed(robot, q, case.T[0]) for q in answer]
+    wrong = [row for row, (error, _) in enumerate(missed) if not error <= TOLERANCE]
+    if wrong:
+        rows = f"{len(wrong)} of {len(missed)} rows miss the pose, the first is row {wrong[0] + 1}"
+        return max(missed)[0], f"{rows}: {missed[wrong[0]][1]}"
+    worst = max(missed)[0]
     apart = _apart(case.wanted[:, None], answer[None]).max(axis=2).min(axis=1)
     absent = case.wanted[apart > _ALIKE]
     if len(absent):
@@ -116,9 +188,17 @@ def has_all(robot: Robot, case: Case, answer: Array, entry: Entry) -> tuple[floa
     return worst, "right"
 
 
-def _missed(robot: Robot, q: Array, T: Array) -> float:
+def _missed(robot: Robot, q: Array, T: Array) -> tuple[float, str]:
+    """Return the error of a configuration [m or rad], and a clause: which half of it is wrong."""
     reached = ik.forward(robot.geometry, q)
-    return max(float(np.linalg.norm(reached[:3, 3] - T[:3, 3])), _angle(reached, T))
+    centers = ik.wrist_center(robot.geometry, np.stack([reached, T]))
+    off = float(np.linalg.norm(centers[0] - centers[1]))
+    turned = _angle(reached, T)
+    if off > TOLERANCE:
+        clause = f"theta 1 to 3 miss the wrist center by {off:.3g} m"
+    else:
+        clause = f"theta 4 to 6 leave the gripper turned by {turned:.3g} rad"
+    return max(float(np.linalg.norm(reached[:3, 3] - T[:3, 3])), turned), clause
 
 
 def follows(robot: Robot, case: Case, answer: Array, entry: Entry) -> tuple[float, str]:
@@ -126,9 +206,10 @@ def follows(robot: Robot, case: Case, answer: Array, entry: Entry) -> tuple[floa
     if answer.shape != (len(case.T), 6):
         return np.inf, f"answered an array of shape {answer.shape}, wanted ({len(case.T)}, 6)"
     missed = [_missed(robot, q, T) for q, T in zip(answer, case.T, strict=True)]
-    pose = int(np.argmax(missed))
-    if missed[pose] > TOLERANCE:
-        return missed[pose], f"pose {pose} is missed by {missed[pose]:.3g} (m or rad)"
+    worst = max(missed)[0]
+    for pose, (error, clause) in enumerate(missed):
+        if error > TOLERANCE:
+            return worst, f"pose {pose} is missed: {clause}"
     over = beyond_limits(answer, robot.lower, robot.upper)
     if over.any():
         pose, joint = (int(i) for i in np.unravel_index(int(np.argmax(over)), over.shape))
@@ -143,7 +224,7 @@ def follows(robot: Robot, case: Case, answer: Array, entry: Entry) -> tuple[floa
             f"joint {step.joint} moves {step.moved:.2f} rad to pose {step.pose} where "
             f"{step.needed:.2f} rad would do ({what})"
         )
-    return missed[pose], "right"
+    return worst, "right"
 
 
 # ---- the whole answer, for a diagnosis ------------------------------------------------------

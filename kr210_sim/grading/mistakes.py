@@ -92,7 +92,7 @@ def _rotations() -> Iterator[Mistake]:
     only_z, only_y = about(2, np.pi) @ C, about(1, -QUARTER) @ C
     sign = about(2, np.pi) @ about(1, QUARTER) @ C
     corrections: dict[str, Turned] = {
-        "the gripper correction Rz(pi) Ry(-pi/2) is missing": lambda R: R @ C,
+        "the gripper correction Rz(pi) Ry(-pi/2) is missing, or made twice": lambda R: R @ C,
         "the gripper correction has the wrong sign, Ry(+pi/2)": lambda R: R @ sign,
         "the gripper correction lacks its Ry(-pi/2)": lambda R: R @ only_z,
         "the gripper correction lacks its Rz(pi)": lambda R: R @ only_y,
@@ -216,7 +216,9 @@ def arm_mistakes(arm: ik.Arm, tool: float, flange: float) -> list[Mistake]:
             key="elbow_branch", text="theta 2 belongs to one elbow and theta 3 to the other",
             elbow=True,
         ),
-        Mistake(key="shoulder_offset", text="a1 = 0.35 m is left out", shoulder="a1 = 0"),
+        Mistake(
+            key="shoulder_offset", text="the length a1 = 0.35 m is left out", shoulder="a1 = 0"
+        ),
         Mistake(
             key="shoulder_offset", text="the elevation of the wrist center leaves a1 out",
             shoulder="angle",
@@ -300,7 +302,9 @@ def length_mistakes(sample: Sample) -> list[Mistake]:
         taken = float(guesses[np.argmax(agreeing.sum(axis=1))])
         if field == "L2" and taken <= 0.0:  # there is no such arm
             continue
-        text = f"{name} is {taken:.3f} m instead of {right:.3f} m"
+        text = f"the length {name} is {taken:.3f} m instead of {right:.3f} m"
+        if abs(taken) < _AGREEING:
+            text = f"the length {name} = {right:.3f} m is left out"
         found.append(Mistake(key="length", text=text, length=(field, taken)))
     return found
 

@@ -62,7 +62,7 @@ def grade_text(content: Mapping[str, Any]) -> str:
     if content["unsolved"]:
         lines.append(
             "unsolved       every pose got the same answer: fill the template in, step by step; "
-            "`--debug-cases` checks three poses"
+            "docs/course leads there, `--step NAME` checks a function, `--debug-cases` three poses"
         )
     if content["figures"]["answered"]:
         lines += _figures(content["figures"], content["probes"])
