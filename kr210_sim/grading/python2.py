@@ -141,7 +141,7 @@ class _Division(ast.NodeTransformer):
         self.generic_visit(node)
         if not isinstance(node.op, ast.Div):
             return node
-        target = copy.copy(node.target)
+        target = copy.copy(node.target)  # what is in its brackets is evaluated twice
         target.ctx = ast.Load()
         return ast.copy_location(
             ast.Assign([node.target], self._call(node, target, node.value)), node
