@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -114,9 +115,11 @@ def test_one_pose_and_many_give_the_same(name):
 @pytest.mark.parametrize("signs", [(1,) * 6, (1, -1, 1, 1, -1, 1)])
 @pytest.mark.parametrize("offsets", [(0.0,) * 6, (0.1, -0.2, 0.3, 0.0, -0.5, 0.6)])
 def test_joints_that_are_turned_or_shifted_are_so_in_one_pose_and_in_many(signs, offsets):
-    arm = ik.Arm(a1=0.3, d1=0.5, L2=1.0, a3=0.1, d4=1.1, signs=signs, offsets=offsets)
+    plain = ik.Arm(a1=0.3, d1=0.5, L2=1.0, a3=0.1, d4=1.1)
+    arm = replace(plain, signs=signs, offsets=offsets)
     q = np.array([0.4, 0.2, -0.6, 0.5, 0.8, -0.3])
     T = ik.forward(arm, q)
+    assert np.abs(T - ik.forward(plain, np.multiply(signs, q) + offsets)).max() < 1e-15
     one, many = ik.inverse(arm, T), ik.inverse(arm, T[None])
     assert np.abs(ik.forward(arm, one.q[one.valid]) - T).max() < 1e-14
     assert np.abs(wrapped(one.q[one.valid] - q)).max(axis=1).min() < 1e-13
