@@ -9,6 +9,7 @@ import pytest
 from ik_arms import KR210, OTHERS, SEVEN_AXES, UR_LIKE, parse_urdf
 
 import ik
+from ik.chain import rotation_about
 
 H = np.pi / 2
 # alpha_{i-1}, a_{i-1}, d_i, theta_i at zero
@@ -61,6 +62,18 @@ def test_the_kr210_is_read_off_either_table(rows, convention):
     q = np.random.default_rng(0).uniform(-3, 3, (100, 6))
     assert np.abs(dh.forward(q) - ik.forward(ik.KR210, q)).max() < 5e-15
     assert np.abs(ik.forward(arm, q) - ik.forward(ik.KR210, q)).max() < 5e-15
+
+
+def test_rounding_of_a_right_angle_does_not_reach_the_table():
+    chain = parse_urdf(KR210)
+    exact = ik.dh_from_chain(chain.origins, chain.axes)
+    origins = chain.origins.copy()
+    joint = int(np.flatnonzero(chain.axes.any(axis=1))[1])
+    origins[joint, :3, :3] = origins[joint, :3, :3] @ rotation_about(np.eye(3)[0], 4e-15)[:3, :3]
+    found = ik.dh_from_chain(origins, chain.axes)
+    assert found.alpha.tolist() == exact.alpha.tolist()
+    assert set(np.abs(found.alpha)) == {0.0, np.pi / 2}
+    assert found.theta.tolist() == exact.theta.tolist()
 
 
 def test_signs_of_a_table_are_kept():
