@@ -90,10 +90,17 @@ def test_any_frames_along_the_axes_give_the_same_arm():
         assert np.nanmax(np.abs(ik.forward(arm, back.q) - T[:, None])) < 5e-14
 
 
-@pytest.mark.parametrize("sign", [1, -1])
-def test_without_a_length_between_axes_1_and_2_the_arm_faces_along_x(sign):
-    arm = ik.Arm(a1=0.0, d1=0.5, L2=1.0, a3=0.1, d4=1.2, signs=(1, sign, 1, 1, 1, 1))
-    assert ik.from_chain(*disguised(arm, np.random.default_rng(6))) == arm
+@pytest.mark.parametrize("flipped", [None, *range(6)])
+@pytest.mark.parametrize("a1", [0.0, 0.3])
+def test_an_axis_that_points_the_other_way_changes_its_sign_and_nothing_else(a1, flipped):
+    signs = tuple(-1 if joint == flipped else 1 for joint in range(6))
+    arm = ik.Arm(a1=a1, d1=0.5, L2=1.0, a3=0.1, d4=1.2, signs=signs)
+    found = ik.from_chain(*disguised(arm, np.random.default_rng(6)))
+    assert found.signs == signs
+    lengths = [(one.a1, one.b, one.d1, one.L2, one.a3, one.d4) for one in (found, arm)]
+    assert lengths[0] == pytest.approx(lengths[1], abs=1e-14)
+    assert found.offsets == pytest.approx((0.0,) * 6, abs=1e-14)
+    assert np.abs(np.stack([found.T_base, found.T_tool]) - np.eye(4)).max() < 1e-14
 
 
 def test_fixed_joints_are_folded_in_wherever_they_are():

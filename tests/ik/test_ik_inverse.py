@@ -279,6 +279,23 @@ def test_what_is_no_pose_is_refused(change, words):
         ik.inverse(ik.KR210, batch)
 
 
+@pytest.mark.parametrize("change", [1e-3, -1e-3])
+@pytest.mark.parametrize("entry", [(i, j) for i in range(3) for j in range(3)])
+def test_every_entry_of_a_rotation_is_looked_at(entry, change):
+    T = ik.forward(ik.KR210, [0.1, 0.2, 0.3, 0.4, 0.5, 0.6])
+    T[entry] += change
+    for given in (T, np.stack([np.eye(4), T])):
+        with pytest.raises(ik.InvalidPose, match="not orthonormal"):
+            ik.inverse(ik.KR210, given)
+
+
+def test_how_far_a_matrix_is_from_a_rotation_is_told():
+    T = ik.forward(ik.KR210, np.zeros(6))
+    T[:3, :3] *= 1.5
+    with pytest.raises(ik.InvalidPose, match=r"\|R R\^T - I\| = 1.25 .*length \[1.5, 1.5, 1.5\]"):
+        ik.inverse(ik.KR210, T)
+
+
 @pytest.mark.parametrize("shape", [(4,), (3, 4), (2, 4, 3), ()])
 def test_wrong_shapes_are_refused(shape):
     with pytest.raises(ik.InvalidPose, match="shape"):
@@ -314,10 +331,11 @@ def test_at_the_wrist_singularity_joint_4_is_zero_and_flagged():
     q = np.array([0.2, -0.3, 0.4, 0.9, 0.0, -0.2])
     T = np.eye(4)
     T[:3, 3] = ik.forward(ik.KR210, np.zeros(6))[:3, 3]  # the zero configuration, exactly
-    for found in (ik.inverse(ik.KR210, T), ik.inverse(ik.KR210, T[None])):
-        q_zero = found.q.reshape(8, 6)[0]
-        assert q_zero == pytest.approx(np.zeros(6), abs=1e-15)
-        assert np.array_equal(found.singular.reshape(8, 3)[0], [False, False, True])
+    for count in (None, 1, 700):
+        found = ik.inverse(ik.KR210, T if count is None else np.tile(T, (count, 1, 1)))
+        q_zero = found.q.reshape(-1, 8, 6)[:, 0]
+        assert np.abs(q_zero).max() < 1e-15
+        assert (found.singular.reshape(-1, 8, 3)[:, 0] == [False, False, True]).all()
     found = ik.inverse(ik.KR210, ik.forward(ik.KR210, q))
     same = np.abs(found.q[:, 3] + found.q[:, 5] - 0.7) < 1e-9
     assert (found.singular[:, 2] & same).any()
