@@ -38,7 +38,7 @@ STEPS = {
     "campaign": "episodes episode_files workers results playback runner verify",
     "pictures": "film plots scenery report video viewers junit",
     "grades": "grading",
-    "scripts and command line": "api verbs cli kr210_sim",
+    "scripts and command line": "api verbs cli __main__ kr210_sim",
 }
 """Step of the data flow -> its modules, or sub-packages with all that no other step names."""
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import difflib
 import io
 import os
 import re
@@ -48,7 +49,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     _mend_streams()
     os.environ["MUJOCO_GL"] = "off"  # else MuJoCo needs a library here that only films need
     try:
-        options = _parser().parse_args(argv)
+        options = _parse(argv)
         return int(options.verb(options))
     except BadInput as error:
         print(f"kr210-sim: {_one_line(str(error))}", file=sys.stderr)
@@ -86,10 +87,27 @@ def _mend_streams() -> None:
             stream.reconfigure(errors="backslashreplace")
 
 
+def _parse(argv: Sequence[str] | None) -> argparse.Namespace:
+    """Read the arguments; one that does not exist is refused with the one likely meant."""
+    parser = _parser()
+    given = sys.argv[1:] if argv is None else argv
+    if not given:
+        raise BadInput("VERB: is missing; give run for ten cycles, or see kr210-sim --help")
+    options, unknown = parser.parse_known_args(given)
+    if unknown:
+        known = re.findall(r"--[a-z][a-z-]*", options.usage())
+        near = difflib.get_close_matches(unknown[0].partition("=")[0], known, n=1)
+        remedy = f"did you mean {near[0]}?" if near else "leave it out, or see --help"
+        raise BadInput(f"{' '.join(unknown)}: no such argument; {remedy}")
+    return options
+
+
 def _parser() -> argparse.ArgumentParser:
     parser = _Parser(prog="kr210-sim", description="KUKA KR210 pick and place in MuJoCo, scored.")
     add_version(parser)
     verbs = parser.add_subparsers(metavar="VERB", required=True)
     for verb in (run, report, render, view, grade, ik, dh, convert, compare):
         verb.add(verbs)
+    for each in verbs.choices.values():
+        each.set_defaults(usage=each.format_usage)
     return parser

@@ -112,7 +112,7 @@ Cycles = dict[tuple[int, int, int], dict[str, Any]]
 """Lines of a cycles.jsonl by cycle index, seed and cell."""
 
 
-def compare_runs(path_a: Path, path_b: Path) -> dict[str, Any]:
+def compare_runs(path_a: Path | str, path_b: Path | str) -> dict[str, Any]:
     """Compare two runs, B against A.
 
     Cycles of the same index, seed and cell are paired; if that is less than half of the smaller
@@ -125,6 +125,7 @@ def compare_runs(path_a: Path, path_b: Path) -> dict[str, Any]:
     Raises:
         BadInput: if a file is missing or is not what a run writes.
     """
+    path_a, path_b = Path(path_a), Path(path_b)
     a, b = (_read(path) for path in (path_a, path_b))
     common = [key for key in a if key in b]
     paired = len(common) >= _PAIRED_SHARE * min(len(a), len(b))

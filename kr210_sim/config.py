@@ -162,7 +162,10 @@ class RunConfig:
     port: int = _option(PORT, "port that --viewer web listens on", "N")
 
     def __post_init__(self) -> None:
-        """Check every value; lists, as JSON gives them, become tuples."""
+        """Check every value; lists, as JSON gives them, become tuples, and paths may be text."""
+        for name in ("robot", "out", "junit"):
+            if isinstance(value := getattr(self, name), str):
+                object.__setattr__(self, name, Path(value))
         object.__setattr__(self, "package", tuple(self.package))
         object.__setattr__(self, "xacro_arg", tuple(self.xacro_arg))
         object.__setattr__(self, "camera", tuple(self.camera))

@@ -258,7 +258,7 @@ def _distribution(where: str, field: str, value: Any) -> Distribution:
     else:
         if not (isinstance(value, dict) and len(value) == 1 and next(iter(value)) in FORMS):
             raise BadInput(
-                f"{where}: '{value}' is no distribution; give a number or a table with one of "
+                f"{where}: {value!r} is no distribution; give a number or a table with one of "
                 f"{', '.join(FORMS)}"
             )
         kind, numbers = next(iter(value.items()))
@@ -273,10 +273,11 @@ def _distribution(where: str, field: str, value: Any) -> Distribution:
             ) from error
     quantity, (low, high) = QUANTITIES[field], found.bounds
     if not quantity.low <= low <= high <= quantity.high:
-        asked = f"{low:g} to {high:g}" if math.isfinite(low) else "a normal one without bounds"
+        span = f"from {quantity.low:.6g} to {quantity.high:.6g}"
+        if not math.isfinite(low):
+            raise BadInput(f"{where}: normal is without bounds; give another distribution, {span}")
         raise BadInput(
-            f"{where}: {asked} is beyond what makes sense; give values from {quantity.low:.6g} to "
-            f"{quantity.high:.6g}"
+            f"{where}: {low:g} to {high:g} is beyond what makes sense; give values {span}"
         )
     if quantity.whole:
         values = found.values if isinstance(found, Choice) else (low,) * isinstance(found, Fixed)

@@ -246,9 +246,15 @@ def check_same(out: Path, provenance: Mapping[str, Any]) -> None:
         was, is_ = _flat(before).get(name), _flat(now).get(name)
         if was != is_ and name.removeprefix("options.") not in FREE:
             raise BadInput(
-                f"--resume: {out} has {name.replace('_', '-')} {was}, now it is {is_}; give what "
-                "the run began with, or another --out"
+                f"--resume: {out} began with {_called(name)} {was}, now it is {is_}; give what it "
+                f"began with, as by --config {out / CONFIG}, or another --out"
             )
+
+
+def _called(name: str) -> str:
+    """Return what the user calls an entry of the configuration."""
+    option = name.removeprefix("options.")
+    return name if option == name else "--" + option.replace("_", "-")
 
 
 def _flat(content: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:

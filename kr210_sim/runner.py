@@ -126,7 +126,7 @@ def _explain(error: BaseException, config: RunConfig, requested: int, out: Path)
     count = sum(1 for _ in read_lines(out))
     kept = f"{count} of {requested} cycles are kept in {out}"
     if config.only_cycle is None:
-        kept += f"; --out {shlex.quote(str(out))} --resume goes on"
+        kept += f"; the same command with --out {shlex.quote(str(out))} --resume goes on"
     if isinstance(error, KeyboardInterrupt):
         raise Interrupted(f"interrupted; {kept}") from error
     if isinstance(error, OSError) and not isinstance(error, BrokenPipeError):

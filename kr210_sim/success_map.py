@@ -197,7 +197,7 @@ def _read(lines: Iterable[Mapping[str, Any]], x: str, y: str) -> tuple[Array, in
     for name in (x, y):
         if name not in known:
             names = ", ".join(sorted(known)) or "none, as it has no finished cycle"
-            raise BadInput(f"no quantity '{name}' in this run; there are: {names}")
+            raise BadInput(f"--map: no quantity '{name}' in this run; there are: {names}")
     if not rows:
         raise BadInput(f"no cycle of this run has both '{x}' and '{y}'; choose another pair")
     return np.array(rows, dtype=float), total

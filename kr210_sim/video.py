@@ -115,8 +115,8 @@ def moments_of(out: Path, form: Format, cycle: int | None = None) -> list[Moment
     kept = [number for number in cycles if record_path(out, number).exists()]
     chosen = kept if cycle is None else [number for number in kept if number == cycle]
     if not chosen:
-        what = "no cycle" if cycle is None else f"cycle {cycle} not"
-        raise BadInput(f"{out} has the record of {what}; run it again with --record all")
+        what = "any cycle" if cycle is None else f"cycle {cycle}"
+        raise BadInput(f"{out} has no record of {what}; run it again with --record all")
     return [
         moment
         for number in chosen

@@ -96,3 +96,14 @@ def test_the_example_shows_a_plan_and_the_cycles_of_the_default_run(tmp_path, de
                      for score in scores]  # fmt: skip
     assert done.stdout.splitlines()[1].startswith("  MOVE_TO_PICK")
     assert list(tmp_path.iterdir()) == []
+
+
+def test_paths_may_be_text(tmp_path):
+    config = RunConfig(out=str(tmp_path / "run"), junit="junit.xml")
+    assert (config.out, config.junit) == (tmp_path / "run", Path("junit.xml"))
+    assert RunConfig(robot="arm.urdf") == RunConfig(robot=Path("arm.urdf"))
+
+
+def test_a_schema_that_does_not_exist_is_refused():
+    with pytest.raises(BadInput, match="give one of summary, cycle"):
+        kr210_sim.load_schema("episode")

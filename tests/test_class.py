@@ -45,7 +45,7 @@ def test_a_class_goes_on_where_it_was(tmp_path, monkeypatch, failed):
     def fake(source, config):
         seen.append(source.file.name)
         known = {"sha256": class_list.checksum(source), "options": config.as_json()}
-        return SimpleNamespace(content=failed | known)
+        return SimpleNamespace(content=failed | known | {"findings": []})
 
     for name in "abc":
         (tmp_path / f"{name}.py").write_text(f"{name} = 1\n")
@@ -63,6 +63,20 @@ def test_a_class_goes_on_where_it_was(tmp_path, monkeypatch, failed):
     assert (out / "a" / "grade.html").is_file()
     with pytest.raises(BadInput, match="--resume"):
         open_folder(out, resume=False)
+    with pytest.raises(BadInput) as caught:
+        open_folder(out, resume=False, of_class=False)
+    assert "--resume" not in str(caught.value)  # which a single solver does not take
+
+
+def test_a_solver_that_lacked_a_package_is_graded_again(tmp_path, failed):
+    file = tmp_path / "solver.py"
+    file.write_text("import sympy\n")
+    (item,) = find_items([file], tmp_path)
+    same = {"sha256": class_list.checksum(item.source), "options": BRIEF.as_json()}
+    for kind, is_finished in (("raised", True), ("import", False)):
+        finding = failed["findings"][0] | {"kind": kind}
+        class_list.write_grade(item.folder, failed | same | {"findings": [finding]})
+        assert (class_list.finished(item, BRIEF) is not None) is is_finished
 
 
 @pytest.mark.parametrize(

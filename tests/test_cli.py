@@ -114,6 +114,29 @@ def test_an_unknown_or_incomplete_option_is_refused_in_one_line(here, capfd, arg
     assert list(here.iterdir()) == []
 
 
+@pytest.mark.parametrize(
+    ("arguments", "remedy"),
+    [
+        (["run", "--cycels", "3"], "--cycles?"),
+        (["run", "--randomise=nominal"], "--randomize?"),
+        (["grade", "ik.py", "--setp", "rotation"], "--step?"),
+        (["run", "stray"], "--help"),
+        ([], "--help"),
+    ],
+)
+def test_a_mistyped_option_is_told_which_one_was_meant(here, capfd, arguments, remedy):
+    assert main(arguments) == 2
+    assert remedy in capfd.readouterr().err
+
+
+def test_the_package_runs_as_a_module(here):
+    done = subprocess.run(
+        [sys.executable, "-m", "kr210_sim", "run", "--list-scenes"], capture_output=True, text=True
+    )
+    assert (done.returncode, done.stderr) == (0, "")
+    assert "shelf_and_bin" in done.stdout.splitlines()
+
+
 def test_a_folder_that_is_not_empty_is_not_written_to(here, capfd):
     (here / "full").mkdir()
     (here / "full" / "thesis.txt").write_text("precious")

@@ -279,6 +279,22 @@ def test_what_is_no_python_at_all_is_a_finding_with_its_line():
         assert caught.value.finding.line is not None
 
 
+@pytest.mark.parametrize(
+    ("text", "line", "word"),
+    [
+        ("x = 1\ndef f(x)\n    return x\n", 2, "expected ':'"),
+        ("print 'x'\ndef f(x)\n    return x\n", 2, "bad input"),
+        ("print('x', end='')\nx = [1, 2\ny = 3\n", 2, "never closed"),
+    ],
+)
+def test_what_is_no_python_at_all_is_told_in_the_language_it_is_meant_in(text, line, word):
+    pytest.importorskip("fissix")
+    with pytest.raises(Refused) as caught:
+        python2.to_python3(text)
+    finding = caught.value.finding
+    assert (finding.line, word in finding.detail) == (line, True), finding.detail
+
+
 def test_sources_of_any_encoding_are_read():
     assert python2.read_source("# é\r\nx\n".encode("latin-1")) == "# é\nx\n"
     assert python2.read_source("# é\n".encode()) == "# é\n"

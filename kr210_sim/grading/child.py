@@ -144,11 +144,20 @@ class _Server:
         try:
             converted = python2.to_python3(text)
         except ModuleNotFoundError as error:
-            raise Refused(Finding(kind="import", detail=_NO_FISSIX)) from error
+            raise Refused(self._without_fissix(text)) from error
         self._module.update(python2.builtins2())
         for old, new in python2.MODULES.items():
             sys.modules[old] = importlib.import_module(new)
         return python2.compile_python2(converted, path)
+
+    def _without_fissix(self, text: str) -> Finding:
+        """Return the finding for a file that is Python 2, or Python 3 with a mistake in it."""
+        wrong = python2.python3_error(text)
+        if wrong is None:
+            return Finding(kind="import", detail=_NO_FISSIX)
+        detail = f"no Python 3: {wrong.msg}. If it is Python 2: {_NO_FISSIX}"
+        source = self._source.line(wrong.lineno)
+        return Finding(kind="import", detail=detail, line=wrong.lineno, source=source)
 
     def _solver(self) -> Callable[..., Any]:
         """Return the function to ask: the one named, that of the service, that of the course."""
@@ -171,10 +180,12 @@ class _Server:
                 if callable(value)
                 and getattr(value, "__module__", None) == self._module.get("__name__")
             ]
-            name = self._function or HANDLERS[0]
+            name = self._function or f"{', '.join(HANDLERS[:-1])} or {HANDLERS[-1]}"
             detail = (
                 f"there is no function {name}; it has {', '.join(sorted(offered)[:8]) or 'none'}"
             )
+            if offered and not self._function:
+                detail += ": name the one to ask as FILE.py:FUNC"
             raise Refused(Finding(kind="not_found", detail=detail))
         return found  # type: ignore[no-any-return]
 

@@ -72,7 +72,7 @@ def find_items(paths: Sequence[Path], out: Path) -> list[Item]:
     ]
 
 
-def open_folder(out: Path, *, resume: bool) -> None:
+def open_folder(out: Path, *, resume: bool, of_class: bool = True) -> None:
     """Make the folder of the results.
 
     Raises:
@@ -80,9 +80,9 @@ def open_folder(out: Path, *, resume: bool) -> None:
     """
     try:
         if out.exists() and not resume and (not out.is_dir() or any(out.iterdir())):
+            going_on = ", or go on with the class in it by --resume" if of_class else ""
             raise BadInput(
-                f"--out: {out} is no empty folder; name one that does not exist yet, or go on "
-                "with the class in it by --resume"
+                f"--out: {out} is no empty folder; name one that does not exist yet{going_on}"
             )
         out.mkdir(parents=True, exist_ok=True)
     except OSError as error:
@@ -92,7 +92,10 @@ def open_folder(out: Path, *, resume: bool) -> None:
 
 
 def finished(item: Item, config: GradeConfig) -> dict[str, Any] | None:
-    """Return the grade of a solver that was graded before: same file, same options."""
+    """Return the grade of a solver that was graded before: same file, same options.
+
+    One that lacked a package is not finished: the package may be installed by now.
+    """
     try:
         content = json.loads((item.folder / GRADE).read_text(encoding="utf-8"))
     except (OSError, ValueError):
@@ -100,6 +103,7 @@ def finished(item: Item, config: GradeConfig) -> dict[str, Any] | None:
     same = isinstance(content, dict) and (
         content.get("sha256") == checksum(item.source)
         and content.get("options") == config.as_json()
+        and all(finding["kind"] != "import" for finding in content["findings"])
     )
     return content if same else None
 

@@ -13,6 +13,9 @@ KINDS = (
 )  # fmt: skip
 """All kinds of findings."""
 
+_OF_GRADE = ("sympy", "mpmath")
+"""Packages of solvers that come with our extra `grade`."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class Finding:
@@ -90,6 +93,7 @@ class Source:
         ]
         number = lines[-1] if lines else None
         kind, what = "raised", f"raised {type(error).__name__}: {_text(error)}"
+        remedy = ""
         if isinstance(error, SyntaxError):
             kind, what = "syntax", f"{type(error).__name__}: {_text(error.msg)}"
             number = error.lineno if error.filename == self.path else number
@@ -99,8 +103,14 @@ class Source:
             kind, what = "memory", "asked for more memory than it may have"
         elif isinstance(error, ImportError) and pose is None:
             kind = "import"
+            if error.name in _OF_GRADE:
+                remedy = "; python -m pip install 'kr210-sim[grade]'"
         return Finding(
-            kind=kind, detail=_short(what), line=number, source=self.line(number), pose=pose
+            kind=kind,
+            detail=_short(what) + remedy,
+            line=number,
+            source=self.line(number),
+            pose=pose,
         )
 
 

@@ -58,13 +58,20 @@ def is_python2(text: str) -> bool:
     first = text.partition("\n")[0]
     if first.startswith("#!") and "python3" in first:
         return False
+    return python3_error(text) is not None or _ROS.search(text) is not None
+
+
+def python3_error(text: str) -> SyntaxError | None:
+    """Return what Python 3 cannot read in a source text, None if it can."""
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
             ast.parse(text)
-    except (SyntaxError, ValueError, RecursionError, MemoryError):
-        return True
-    return _ROS.search(text) is not None
+    except SyntaxError as error:
+        return error
+    except (ValueError, RecursionError, MemoryError) as error:
+        return SyntaxError(str(error) or type(error).__name__)
+    return None
 
 
 def to_python3(text: str) -> str:
@@ -94,6 +101,9 @@ def to_python3(text: str) -> str:
 
 
 def _no_syntax(detail: str, text: str, line: int | None) -> Finding:
+    error = python3_error(text)
+    if error is not None and (error.lineno or 0) >= (line or 0):
+        detail, line = error.msg, error.lineno  # the language that is understood further is meant
     source = Source(Path("?"), text).line(line)
     detail = f"is neither Python 3 nor Python 2: {detail}"
     return Finding(kind="syntax", detail=detail, line=line, source=source)

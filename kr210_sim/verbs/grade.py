@@ -29,8 +29,12 @@ def add(verbs: Any) -> None:
     parser.add_argument(
         "solver", nargs="+", help="FILE.py, FILE.py:FUNC, MODULE:FUNC, or several files and folders"
     )
-    parser.add_argument("--cycles", type=whole, default=10, metavar="N", help="(default: 10)")
-    parser.add_argument("--seed", type=whole, default=0, metavar="S", help="(default: 0)")
+    parser.add_argument(
+        "--cycles", type=whole, default=10, metavar="N", help="cycles to drive (default: 10)"
+    )
+    parser.add_argument(
+        "--seed", type=whole, default=0, metavar="S", help="of the cycles (default: 0)"
+    )
     parser.add_argument(
         "--frame", default=FRAMES[0], metavar="LINK", help="gripper_link (default) or link_6"
     )
@@ -140,13 +144,13 @@ def _steps(source: SolverSource, config: Any, options: argparse.Namespace) -> in
 
 
 def _single(source: SolverSource, config: Any, options: argparse.Namespace) -> int:
-    from kr210_sim.grading.class_list import open_folder, write_grade
+    from kr210_sim.grading.class_list import PAGES, open_folder, write_grade
     from kr210_sim.grading.grade import grade
     from kr210_sim.grading.report import grade_text
     from kr210_sim.summary import HEADER, cycle_line
 
     out = _out(options)
-    open_folder(out, resume=False)
+    open_folder(out, resume=False, of_class=False)
     text = sys.stderr if options.json else sys.stdout
     header = [HEADER]
 
@@ -157,14 +161,20 @@ def _single(source: SolverSource, config: Any, options: argparse.Namespace) -> i
 
     content = grade(source, config, on_cycle=show).content
     write_grade(out, content)
-    print(f"\n{grade_text(content)}\nresults        {out}", file=text)
+    print(f"\n{grade_text(content)}\nresults        {out / PAGES[0]}", file=text)
     if options.json:
         print(json.dumps(content, indent=2, allow_nan=False))
     return EXIT_PASSED if content["passed"] else EXIT_GATE
 
 
 def _class(paths: list[Path], config: Any, options: argparse.Namespace) -> int:
-    from kr210_sim.grading.class_list import find_items, grade_class, open_folder, write_class
+    from kr210_sim.grading.class_list import (
+        PAGES,
+        find_items,
+        grade_class,
+        open_folder,
+        write_class,
+    )
     from kr210_sim.grading.page import grade_command
     from kr210_sim.grading.report import CLASS_HEADER, class_line, class_row
 
@@ -195,7 +205,9 @@ def _class(paths: list[Path], config: Any, options: argparse.Namespace) -> int:
             f"--out {shlex.quote(str(out))} --resume goes on"
         ) from error
     passed = sum(bool(content["passed"]) for content in contents)
-    print(f"\n{passed} of {len(contents)} solvers passed\nresults        {out}", file=text)
+    print(
+        f"\n{passed} of {len(contents)} solvers passed\nresults        {out / PAGES[1]}", file=text
+    )
     if options.json:
         rows = [class_row(content) for content in contents]
         print(json.dumps(rows, indent=2, allow_nan=False))

@@ -45,7 +45,7 @@ def load_viser() -> ModuleType:
     try:
         viser = importlib.import_module("viser")
     except ModuleNotFoundError as error:
-        raise BadInput(f"--viewer web: needs the extra 'view': {EXTRA}") from error
+        raise BadInput(f"the viewer in the browser needs the extra 'view': {EXTRA}") from error
     return viser
 
 
