@@ -126,7 +126,7 @@ def test_what_differs_is_named(tmp_path):
     (tmp_path / "config.json").write_text('{"options": {"mass": 1, "cycles": 5}, "v": {"a": "1"}}')
     check_same(tmp_path, {"options": {"mass": 1, "cycles": 9}, "v": {"a": "1"}})
     for other in ({"mass": 2, "cycles": 5}, {"mass": 1, "cycles": 5, "new": 3}):
-        with pytest.raises(BadInput, match="--(mass|new) "):
+        with pytest.raises(BadInput, match=r"--(mass|new) "):
             check_same(tmp_path, {"options": other, "v": {"a": "1"}})
     with pytest.raises(BadInput, match=r"v\.a"):
         check_same(tmp_path, {"options": {"mass": 1}, "v": {"a": "2"}})
