@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+import contextlib
+import io
 import re
 import shlex
+import shutil
 from collections.abc import Iterable
 from pathlib import Path
+from typing import Any
 
 ROOT = Path(__file__).parents[1]
 PAGES = sorted({
@@ -34,6 +38,26 @@ def commands(pages: Iterable[Path]) -> list[str]:
         for part in line.split(" && ")
     )
     return list(dict.fromkeys(line for line in lines if line))
+
+
+def my_scene(path: Path) -> None:
+    """Write the scene of docs/scenes.md, and beside it the one that it includes."""
+    (text,) = (text for language, text in blocks(ROOT / "docs" / "scenes.md") if language == "xml")
+    path.write_text(text, encoding="utf-8")
+    shutil.copy(ROOT / "scenes" / "shelf_and_bin.xml", path.parent)
+
+
+def assert_prints_what_stands_below(page: Path) -> None:
+    """Run the Python blocks of a page, one after the other, and compare what they print."""
+    found, space = blocks(page), dict[str, Any]()
+    for (language, text), (after, shown) in zip(found, [*found[1:], ("", "")], strict=True):
+        if language != "python":
+            continue
+        printed = io.StringIO()
+        with contextlib.redirect_stdout(printed):
+            exec(compile(text, str(page), "exec"), space)
+        assert after == "text", f"no output stands below a snippet of {page.name}"
+        assert printed.getvalue() == shown
 
 
 def mentions(page: Path) -> list[str]:

@@ -19,7 +19,7 @@ import test_api
 import test_benchmarks
 import test_ci_docs
 from robot_files import heavy_arm, turned_arm
-from shown import PAGES, ROOT, blocks, commands, mentions
+from shown import PAGES, ROOT, blocks, commands, mentions, my_scene
 from test_live import FakeScreen
 
 from kr210_sim.cli import _parser, main
@@ -76,7 +76,7 @@ RUN_HERE = [line for line in SHOWN if not is_run_by_ci(line) and not is_run_else
 def test_blocks_say_what_they_are():
     for page in PAGES:
         languages = {language for language, _ in blocks(page)}
-        assert languages <= {"", "sh", "text", "python", "yaml"}, page.name
+        assert languages <= {"", "sh", "text", "python", "xml", "yaml"}, page.name
     assert len(SHOWN) > 40
 
 
@@ -145,6 +145,8 @@ LAID: dict[str, Callable[[Path], object]] = {
     "class": lay_class,
     "my_arm/urdf/arm.urdf.xacro": a_package,
     "my_arm.urdf.xacro": an_urdf,
+    "my_scene.xml": my_scene,
+    "scenes": lambda path: shutil.copytree(ROOT / "scenes", path),
 }
 """What the pages take for given, by the name they give it."""
 

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
-import io
 import re
 import shlex
 import subprocess
@@ -11,7 +9,7 @@ import sys
 from pathlib import Path
 
 import pytest
-from shown import FENCE, ROOT, blocks, commands
+from shown import FENCE, ROOT, assert_prints_what_stands_below, blocks, commands
 
 from kr210_sim.grading.exercises import EXERCISES
 
@@ -26,16 +24,8 @@ LINKED = [*DOCS.rglob("*.md"), ROOT / "README.md", ROOT / "ik" / "README.md"]
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
 def test_every_snippet_prints_what_stands_below_it(page):
-    found = blocks(page)
-    for (language, text), (after, shown) in zip(found, [*found[1:], ("", "")], strict=True):
-        assert language in ("python", "sh", "text", "")
-        if language != "python":
-            continue
-        printed = io.StringIO()
-        with contextlib.redirect_stdout(printed):
-            exec(compile(text, str(page), "exec"), {})  # as it stands, without those above
-        assert after == "text", f"no output stands below a snippet of {page.name}"
-        assert printed.getvalue() == shown
+    assert {language for language, _ in blocks(page)} <= {"python", "sh", "text", ""}
+    assert_prints_what_stands_below(page)
 
 
 # ---- commands -------------------------------------------------------------------------------
