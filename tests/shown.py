@@ -9,7 +9,6 @@ import shlex
 import shutil
 from collections.abc import Iterable
 from pathlib import Path
-from typing import Any
 
 ROOT = Path(__file__).parents[1]
 PAGES = sorted({
@@ -48,14 +47,14 @@ def my_scene(path: Path) -> None:
 
 
 def assert_prints_what_stands_below(page: Path) -> None:
-    """Run the Python blocks of a page, one after the other, and compare what they print."""
-    found, space = blocks(page), dict[str, Any]()
+    """Run each Python block of a page as it stands, and compare what it prints."""
+    found = blocks(page)
     for (language, text), (after, shown) in zip(found, [*found[1:], ("", "")], strict=True):
         if language != "python":
             continue
         printed = io.StringIO()
         with contextlib.redirect_stdout(printed):
-            exec(compile(text, str(page), "exec"), space)
+            exec(compile(text, str(page), "exec"), {})  # without those above
         assert after == "text", f"no output stands below a snippet of {page.name}"
         assert printed.getvalue() == shown
 
