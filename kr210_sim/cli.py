@@ -40,6 +40,12 @@ class _Parser(argparse.ArgumentParser):
         # argparse of Python below 3.14 takes -1e-3 for an option
         self._negative_number_matcher = re.compile(r"-(\d+\.?\d*|\.\d+)(e[-+]?\d+)?$", re.I)
 
+    def _get_values(self, action: argparse.Action, arg_strings: list[str]) -> Any:
+        # argparse of Python below 3.13 makes an empty list of `--option=--`
+        if arg_strings == ["--"] and action.option_strings:
+            raise argparse.ArgumentError(action, "expected a value, not --")
+        return super()._get_values(action, arg_strings)
+
     def error(self, message: str) -> NoReturn:
         raise BadInput(message.replace("argument ", "", 1))
 

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy.special import betainccinv, betaincinv  # scipy.stats takes a second to import
+
+_ROUNDING = 1e-9  # of a bound in tenths of a percent that means a round number
 
 _QUANTILES = {"p50": 0.50, "p95": 0.95, "p99": 0.99}
 
@@ -52,6 +55,13 @@ def success_interval(succeeded: int, cycles: int, confidence: float = 0.95) -> t
     """Return the exact (Clopper-Pearson) two-sided interval of a success rate."""
     each = (1 + confidence) / 2
     return lower_bound(succeeded, cycles, each), upper_bound(succeeded, cycles, each)
+
+
+def in_percent(low: float, high: float) -> tuple[str, str]:
+    """Return bounds in percent, one decimal, rounded outwards: they claim no more than is so."""
+    lower = math.floor(1000 * low + _ROUNDING) / 10
+    upper = math.ceil(1000 * high - _ROUNDING) / 10
+    return f"{lower:.1f}", f"{upper:.1f}"
 
 
 def histogram(values: ArrayLike) -> dict[str, Any]:

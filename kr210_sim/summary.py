@@ -14,7 +14,7 @@ from kr210_sim.gates import Gates
 from kr210_sim.limits import MotionLimits
 from kr210_sim.proof import UNDECIDED, Watch
 from kr210_sim.schemas import SCHEMA_VERSION
-from kr210_sim.stats import Pool, spread, success_interval
+from kr210_sim.stats import Pool, in_percent, spread, success_interval
 
 _TIMES = ("mean", "p50", "p95", "max")
 _OFFSETS = ("mean", "p99", "max")
@@ -218,16 +218,16 @@ def summary_text(summary: dict[str, Any]) -> str:
     cycles, succeeded = summary["cycles"], summary["succeeded"]
     if not cycles:
         return "no cycle was finished"
-    low, high = summary["ci95"]
+    low, high = in_percent(*summary["ci95"])
     gate = _verdict(summary["gates"]["min_success"])
     if not summary["complete"]:
         gate += f", {cycles} of {summary['requested_cycles']} cycles are finished"
-    reach = f"above {100 * low:.1f} %"
+    reach = f"above {low} %"
     if succeeded < cycles:
-        reach = f"between {100 * low:.1f} and {100 * high:.1f} %"
+        reach = f"between {low} and {high} %"
     lines = [
         f"{succeeded} of {cycles} cycles succeeded ({100 * summary['success_rate']:.1f} %, 95 % "
-        f"interval {100 * low:.1f} to {100 * high:.1f} %); gate {summary['min_success']:g}: {gate}",
+        f"interval {low} to {high} %); gate {summary['min_success']:g}: {gate}",
         *_tries(summary),
         f"proves         a success rate {reach} with 95 % confidence (exact), and no more",
         *_tested(summary["gates"]["min_success"]),
@@ -268,11 +268,11 @@ def _tries(summary: dict[str, Any]) -> list[str]:
     first, retries = summary["first_try"], summary["retries"]
     if not retries["allowed"]:
         return []
-    low, high = first["ci95"]
+    low, high = in_percent(*first["ci95"])
     counted = ", ".join(f"{reason} {count}" for reason, count in retries["reasons"].items())
     return [
         f"first try      {first['succeeded']} of {summary['cycles']} succeeded "
-        f"({100 * first['rate']:.1f} %, 95 % interval {100 * low:.1f} to {100 * high:.1f} %)",
+        f"({100 * first['rate']:.1f} %, 95 % interval {low} to {high} %)",
         f"after retries  {retries['recovered']} more succeeded; {retries['made']} retries, at most "
         f"{retries['allowed']} a cycle" + (f", for {counted}" if counted else ""),
     ]

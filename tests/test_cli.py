@@ -102,6 +102,7 @@ def test_options_that_do_not_go_together_are_refused_in_one_line(here, capfd, ar
         ["run", "--cycl", "3"],
         ["run", "stray"],
         ["run", "--mass"],
+        ["run", "--cell=--"],
         ["nosuch"],
         [],
     ],

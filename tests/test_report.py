@@ -210,7 +210,7 @@ def test_the_verdict_of_a_run(changes, expected):
 
 def test_ten_of_ten_proves_no_more_than_it_does():
     summary = {"cycles": 10, "succeeded": 10, "ci95": [0.6915, 1.0]}
-    assert "above 69.2 % with 95 % confidence, no more" in page.proof(summary)
+    assert "above 69.1 % with 95 % confidence, no more" in page.proof(summary)
     assert "below" in page.proof({"cycles": 3, "succeeded": 0, "ci95": [0.0, 0.7]})
 
 

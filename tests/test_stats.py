@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.stats import binomtest
 
-from kr210_sim.stats import Pool, histogram, spread, success_interval
+from kr210_sim.stats import Pool, histogram, in_percent, spread, success_interval
 
 
 @pytest.mark.parametrize(
@@ -110,3 +110,13 @@ def test_a_pool_takes_no_more_memory_with_more_points():
         for count in (20, 200)
     )
     assert len(pickle.dumps(many)) <= 1.2 * len(pickle.dumps(few))
+
+
+def test_bounds_in_percent_claim_no_more_than_is_so():
+    assert in_percent(*success_interval(10, 10)) == ("69.1", "100.0")  # 69.150 %
+    assert in_percent(*success_interval(0, 10)) == ("0.0", "30.9")  # 30.850 %
+    for succeeded in range(41):
+        low, high = success_interval(succeeded, 40)
+        below, above = in_percent(low, high)
+        assert 100 * low - 0.1 < float(below) <= 100 * low + 1e-6
+        assert 100 * high + 0.1 > float(above) >= 100 * high - 1e-6

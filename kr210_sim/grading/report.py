@@ -8,6 +8,7 @@ from typing import Any
 
 from kr210_sim.grading.advice import advice
 from kr210_sim.grading.findings import Finding
+from kr210_sim.stats import in_percent
 
 _FINDINGS_SHOWN = 12
 
@@ -23,12 +24,11 @@ COLUMNS = (
 
 def verdict_text(content: Mapping[str, Any]) -> str:
     """Return the verdict in one line."""
-    low, high = content["ci95"]
+    low, high = in_percent(*content["ci95"])
     verdict = "passed" if content["passed"] else "not passed"
     return (
         f"{content['name']}: {content['succeeded']} of {content['cycles']} cycles succeeded, "
-        f"{verdict} ({cycles_asked_for(content)} asked for; 95 % interval {100 * low:.1f} to "
-        f"{100 * high:.1f} %)"
+        f"{verdict} ({cycles_asked_for(content)} asked for; 95 % interval {low} to {high} %)"
     )
 
 

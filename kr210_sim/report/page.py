@@ -14,6 +14,7 @@ from kr210_sim.plots.theme import Plot
 from kr210_sim.proof import UNDECIDED
 from kr210_sim.report.reading import MOST_OF_A_REASON, RunData
 from kr210_sim.report.templating import DASH, number, percent, render
+from kr210_sim.stats import in_percent
 
 _COLUMNS = ("mean", "p50", "p95", "p99", "max")
 
@@ -96,13 +97,13 @@ def proof(summary: Mapping[str, Any]) -> str:
     cycles, succeeded = summary["cycles"], summary["succeeded"]
     if not cycles:
         return "No cycle was finished, so nothing is proved."
-    low, high = (100 * bound for bound in summary["ci95"])
+    low, high = in_percent(*summary["ci95"])
     if succeeded == cycles:
-        reach = f"a success rate above {low:.1f} %"
+        reach = f"a success rate above {low} %"
     elif succeeded == 0:
-        reach = f"a success rate below {high:.1f} %"
+        reach = f"a success rate below {high} %"
     else:
-        reach = f"a success rate between {low:.1f} and {high:.1f} %"
+        reach = f"a success rate between {low} and {high} %"
     return f"{succeeded} of {cycles} proves {reach} with 95 % confidence, no more."
 
 
