@@ -26,7 +26,7 @@ FULL = pytest.param(True, marks=pytest.mark.slow)
 @pytest.mark.parametrize("full", [False, FULL])
 def test_random_poses(full):
     rng = np.random.default_rng(20)
-    for _ in range(50 if full else 1):
+    for _ in range(25 if full else 1):
         q = rng.uniform(CHAIN.lower, CHAIN.upper, (BLOCK if full else 1000, 6))
         T = CHAIN.forward(q).astype(float)
         found = check(T)
