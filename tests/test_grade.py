@@ -299,6 +299,13 @@ def test_debug_cases_of_a_file(capsys):
     assert "case 3 of 3" in capsys.readouterr().out
 
 
+def test_debug_cases_of_a_file_that_does_not_load_are_not_passed(tmp_path, capsys):
+    file = tmp_path / "broken.py"
+    file.write_text("def f(:\n")
+    assert main(["grade", str(file), "--debug-cases"]) == 1
+    assert capsys.readouterr().out.startswith("broken.py, line 1: ")
+
+
 def test_a_solver_that_is_lost_is_started_again_a_few_times(robot, monkeypatch):
     from kr210_sim.grading import foreign
     from kr210_sim.grading.findings import Finding

@@ -19,6 +19,7 @@ from kr210_sim.proof import ExactTest
 from kr210_sim.record import CycleRecord
 from kr210_sim.report import page, reading, templating
 from kr210_sim.report.reading import read_run
+from kr210_sim.report.templating import percent
 from kr210_sim.report.write import write_report
 
 
@@ -339,3 +340,8 @@ def test_a_run_with_report_writes_the_page(tmp_path, capsys):
     printed = capsys.readouterr().out
     assert re.search(rf"^report +{re.escape(str(out / 'report.html'))}$", printed, re.M)
     parsed(out / "report.html")
+
+
+def test_a_share_is_all_or_nothing_only_if_it_is_so():
+    shares = (0.0, 1e-4, 2 / 3, 1999 / 2000, 1.0)
+    assert [percent(share) for share in shares] == ["0 %", "0.1 %", "66.7 %", "99.9 %", "100 %"]

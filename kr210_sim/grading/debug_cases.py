@@ -10,7 +10,6 @@ from scipy.spatial.transform import Rotation
 
 import ik
 from kr210_sim.arrays import Array
-from kr210_sim.grading.findings import Refused
 from kr210_sim.grading.foreign import ForeignSolver
 from kr210_sim.robot import Robot
 
@@ -82,11 +81,12 @@ def random_cases(robot: Robot, count: int, seed: int) -> list[DebugCase]:
 
 
 def debug_text(solver: ForeignSolver, robot: Robot, cases: Sequence[DebugCase]) -> str:
-    """Ask a solver for some poses one by one, and return the errors as the course printed them."""
-    try:
-        solver.load()
-    except Refused as refused:
-        return refused.finding.text(solver.source.name)
+    """Ask a solver for some poses one by one, and return the errors as the course printed them.
+
+    Raises:
+        Refused: if it cannot be loaded.
+    """
+    solver.load()
     texts, offsets = [], []
     for number, case in enumerate(cases, start=1):
         text, offset = _case_text(solver, robot, case, f"case {number} of {len(cases)}")

@@ -60,8 +60,9 @@ def _plain(value: float) -> str:
 
 
 def percent(share: float) -> str:
-    """Return a share in percent, at most one decimal."""
-    return f"{round(100 * share, 1):g} %"
+    """Return a share in percent, at most one decimal; 0 and 100 only if it is so."""
+    rounded = round(100 * share, 1)
+    return f"{min(max(rounded, 0.1), 99.9) if 0 < share < 1 else rounded:g} %"
 
 
 def stage_words(stage: str | None) -> str:

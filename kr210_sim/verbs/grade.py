@@ -103,6 +103,7 @@ def _debug(source: SolverSource, config: Any, options: argparse.Namespace) -> in
     from contextlib import closing
 
     from kr210_sim.grading.debug_cases import GOLDEN, debug_text, random_cases
+    from kr210_sim.grading.findings import Refused
     from kr210_sim.grading.foreign import ForeignSolver
     from kr210_sim.loading import read_robot
     from kr210_sim.source import RobotSource
@@ -115,7 +116,11 @@ def _debug(source: SolverSource, config: Any, options: argparse.Namespace) -> in
     solver = ForeignSolver(source, robot, frame=config.frame, limits=config.limits)
     with closing(solver):
         cases = [*GOLDEN, *random_cases(robot, options.debug_cases, config.seed)]
-        print(debug_text(solver, robot, cases))
+        try:
+            print(debug_text(solver, robot, cases))
+        except Refused as refused:  # it cannot be loaded
+            print(refused.finding.text(solver.source.name))
+            return EXIT_GATE
     return EXIT_PASSED
 
 
