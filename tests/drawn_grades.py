@@ -34,12 +34,12 @@ def drawn_grade(
     Cycles with wrong answers fail, and so does every second one.
     """
 
-    def drawn(_scene, episode, *, solver, **_):
+    def drawn(_scene, episode, setup, **_):
         for number in range(episode.first_cycle, episode.first_cycle + len(episode.cells)):
             start, right = np.zeros(6), number % 2 == 0
             for goal in (_THERE, _BACK):
                 T = ik.forward(ik.KR210, start + np.linspace(0, 1, 13)[1:, None] * (goal - start))
-                right &= np.allclose(ik.forward(ik.KR210, solver(T, start)), T, atol=1e-3)
+                right &= np.allclose(ik.forward(ik.KR210, setup.solver(T, start)), T, atol=1e-3)
                 start = goal
             yield SimpleNamespace(as_json=partial(line, number, right))
 

@@ -106,6 +106,7 @@ def test_ik_brings_numpy_and_nothing_else():
     assert {name for name in brought if not name.startswith("_")} == {"ik", "numpy"}
 
 
+@pytest.mark.slow
 def test_planning_timing_and_scoring_run_without_mujoco():
     brought = brought_by("; ".join(f"import kr210_sim.{name}" for name in WITHOUT_MUJOCO))
     assert "kr210_sim" in brought

@@ -276,6 +276,7 @@ def test_an_arm_that_stops_short_of_home_is_not_home(one_cycle, impatient):
     assert_failed(score, "not_home", "returned", "MOVE_HOME")
 
 
+@pytest.mark.slow
 def test_an_arm_half_a_milliradian_from_home_is_home(one_cycle, impatient):
     score = one_cycle(throughout("MOVE_HOME", creep(5e-4)))
     assert score.success, score.cause

@@ -103,6 +103,7 @@ def test_the_player_stands_still_at_the_end_and_begins_anew(first):
     assert stood[0]
 
 
+@pytest.mark.slow
 def test_seeking_while_paused_shows_that_time_and_stays_there(first):
     screen, pace = FakeScreen(), Pace(1.0)
     acts: list[Callable[[], None]] = [lambda: player.seek(3.0), lambda: None, pace.resume]

@@ -72,6 +72,7 @@ def test_what_it_reports_is_what_it_chose():
     assert got.travel == pytest.approx(np.abs(np.diff(path, axis=0)).sum(axis=0))
 
 
+@pytest.mark.slow
 def test_it_is_never_longer_than_the_greedy_choice():
     rng = np.random.default_rng(5)
     best_wrist, greedy_wrist = 0.0, 0.0
