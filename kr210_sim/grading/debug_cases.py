@@ -69,6 +69,8 @@ _WARNING = """** Other branches and turns are as right as the angles compared wi
 
 def random_cases(robot: Robot, count: int, seed: int) -> list[DebugCase]:
     """Return poses that the arm reaches within its limits, drawn at random."""
+    if count == 0:
+        return []  # SciPy below 1.15 takes no empty array of rotations
     rng = np.random.default_rng(seed)
     q = rng.uniform(robot.lower, robot.upper, (count, 6))
     poses = ik.forward(robot.geometry, q)
