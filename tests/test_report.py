@@ -345,3 +345,14 @@ def test_a_run_with_report_writes_the_page(tmp_path, capsys):
 def test_a_share_is_all_or_nothing_only_if_it_is_so():
     shares = (0.0, 1e-4, 2 / 3, 1999 / 2000, 1.0)
     assert [percent(share) for share in shares] == ["0 %", "0.1 %", "66.7 %", "99.9 %", "100 %"]
+
+
+@pytest.mark.parametrize("name", ["cell", "reason"])
+def test_a_line_whose_groups_are_no_names_is_refused(tmp_path, name):
+    out = tmp_path / "run"
+    make_run(out, [make_record(0)], kept=False)
+    lines = (out / "cycles.jsonl").read_text().splitlines()
+    lines[0] = json.dumps(json.loads(lines[0]) | {name: []})
+    (out / "cycles.jsonl").write_text("\n".join(lines) + "\n")
+    with pytest.raises(BadInput, match=f"line 1: '{name}' is neither"):
+        read_run(out)

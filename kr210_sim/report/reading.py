@@ -200,7 +200,15 @@ def _lines(path: Path) -> Iterator[Line]:
                 line = json.loads(raw)
             except ValueError as error:
                 raise BadInput(f"report: {where} cannot be read: {error}") from error
-            yield _checked(line, _IN_LINE, where)
+            yield _counted(_checked(line, _IN_LINE, where), where)
+
+
+def _counted(line: Line, where: str) -> Line:
+    """Return a cycle if what cycles are grouped by is a number or a name in it."""
+    for name in ("cell", "reason"):
+        if not isinstance(line[name], int | str | None):
+            raise BadInput(f"report: {where}: '{name}' is neither a number nor a name")
+    return line
 
 
 def _checked(content: Any, needed: Sequence[str], where: str) -> dict[str, Any]:
