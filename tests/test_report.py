@@ -347,12 +347,12 @@ def test_a_share_is_all_or_nothing_only_if_it_is_so():
     assert [percent(share) for share in shares] == ["0 %", "0.1 %", "66.7 %", "99.9 %", "100 %"]
 
 
-@pytest.mark.parametrize("name", ["cell", "reason"])
+@pytest.mark.parametrize("name", ["cell", "reason", "cycle"])
 def test_a_line_whose_groups_are_no_names_is_refused(tmp_path, name):
     out = tmp_path / "run"
     make_run(out, [make_record(0)], kept=False)
     lines = (out / "cycles.jsonl").read_text().splitlines()
     lines[0] = json.dumps(json.loads(lines[0]) | {name: []})
     (out / "cycles.jsonl").write_text("\n".join(lines) + "\n")
-    with pytest.raises(BadInput, match=f"line 1: '{name}' is neither"):
+    with pytest.raises(BadInput, match=f"line 1: '{name}' is not what"):
         read_run(out)

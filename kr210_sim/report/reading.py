@@ -43,6 +43,13 @@ _IN_LINE = (
 )
 """What the page needs of each file."""
 
+_KINDS = {
+    **dict.fromkeys(("cycle", "seed"), int),
+    **dict.fromkeys(("cell", "reason", "failed_stage"), int | str | None),
+    "drawn": dict,
+    **dict.fromkeys(("ik_offset_m", "tracking_offset_m"), dict | None),
+}
+
 Line = Mapping[str, Any]
 
 
@@ -204,10 +211,10 @@ def _lines(path: Path) -> Iterator[Line]:
 
 
 def _counted(line: Line, where: str) -> Line:
-    """Return a cycle if what cycles are grouped by is a number or a name in it."""
-    for name in ("cell", "reason"):
-        if not isinstance(line[name], int | str | None):
-            raise BadInput(f"report: {where}: '{name}' is neither a number nor a name")
+    """Return a cycle if what it is found and grouped by is a number or a name in it."""
+    for name, kind in _KINDS.items():
+        if not isinstance(line[name], kind):
+            raise BadInput(f"report: {where}: '{name}' is not what a run writes there")
     return line
 
 
