@@ -45,6 +45,8 @@ SIZE = {"width": 720, "height": 400}
 """Small, as every pixel is drawn without a GPU."""
 PATIENCE = 240_000
 """Longest wait for the page [ms]: it is drawn without a GPU."""
+STEP = 100
+"""Between two looks at what is waited for [ms]."""
 
 
 def free_port() -> int:
@@ -86,6 +88,27 @@ def picture(tab: Any, name: str, clip: dict[str, float] | None = None) -> bytes:
     return bytes(shot)
 
 
+def until(tab: Any, holds: Callable[[], bool]) -> None:
+    """Wait for what follows a click: the browser tells the server, which answers when it can."""
+    waited = 0
+    while not holds():
+        assert waited < PATIENCE, "it does not come true"
+        tab.wait_for_timeout(STEP)
+        waited += STEP
+
+
+def settle(tab: Any) -> None:
+    """Wait for a picture that does not change any more."""
+    shots = [b""]
+
+    def same() -> bool:
+        tab.wait_for_timeout(1000)
+        shots.append(picture(tab, "settling"))
+        return shots[-1] == shots[-2]
+
+    until(tab, same)
+
+
 @pytest.fixture
 def arm_page() -> Iterator[ArmPage]:
     page = Page("127.0.0.1", free_port(), "test")
@@ -116,14 +139,14 @@ def test_a_slider_moves_the_arm_and_the_numbers_are_those_of_ik_forward(browser,
         "() => parseFloat(document.querySelector('#T_base_tcp tr:nth-child(2) td:last-child')"
         ".innerText) > 0.01"
     )
-    q = arm_page.q
-    assert q[0] > np.radians(1.0)
-    assert float(tab.locator("input[type=text]").first.input_value()) == pytest.approx(
-        np.degrees(q[0]), abs=0.051
-    )
-    tab.wait_for_timeout(1000)
-    np.testing.assert_allclose(
-        matrix(tab, "T_base_palm"), ik.forward(robot.geometry, arm_page.q), atol=6e-7
+    angle = tab.locator("input[type=text]").first
+    until(tab, lambda: abs(float(angle.input_value()) - np.degrees(arm_page.q[0])) < 0.051)
+    assert arm_page.q[0] > np.radians(1.0)
+    until(
+        tab,
+        lambda: np.allclose(
+            matrix(tab, "T_base_palm"), ik.forward(robot.geometry, arm_page.q), 0.0, 6e-7
+        ),
     )
     np.testing.assert_allclose(
         matrix(tab, "T_base_tcp"),
@@ -131,7 +154,7 @@ def test_a_slider_moves_the_arm_and_the_numbers_are_those_of_ik_forward(browser,
         atol=6e-7,
     )
     assert np.linalg.norm(arm_page.body_positions() - at_home, axis=1).max() > 0.02
-    assert picture(tab, "arm_moved") != before
+    until(tab, lambda: picture(tab, "arm_moved") != before)
     assert tab.locator("#kr-branches tr").count() == 9
     own = f"http://127.0.0.1:{arm_page.page.server.get_port()}/"
     assert {url for url in said if not url.startswith(("data:", "blob:"))} == {own}
@@ -195,6 +218,11 @@ def test_a_run_pauses_steps_and_changes_its_speed(browser, tmp_path):
         found = "([id, text]) => document.querySelector(id)?.innerText === text"
         tab.wait_for_function(found, arg=[f"#kr-{name}", text])
 
+    def stands_still() -> bool:
+        time = told("time")
+        tab.wait_for_timeout(300)
+        return told("time") == time
+
     def placed() -> np.ndarray:
         return np.array([node.position for node in page._bodies.values()])
 
@@ -207,15 +235,13 @@ def test_a_run_pauses_steps_and_changes_its_speed(browser, tmp_path):
         tab.get_by_role("button", name="Step a stage").click()
         wait_for("stage", "APPROACH")
         tab.get_by_role("button", name="Go on").wait_for()
-        assert (pace.speed, pace.paused) == (5.0, True)
-        assert np.linalg.norm(placed() - at_home, axis=1).max() > 0.1
-        assert picture(tab, "live_step", scene) != before
-        time = told("time")
-        tab.wait_for_timeout(300)
-        assert told("time") == time
+        until(tab, lambda: (pace.speed, pace.paused) == (5.0, True))
+        until(tab, lambda: np.linalg.norm(placed() - at_home, axis=1).max() > 0.1)
+        until(tab, lambda: picture(tab, "live_step", scene) != before)
+        until(tab, stands_still)
         tab.get_by_role("button", name="Go on").click()
         tab.get_by_role("button", name="Pause").click()
-        assert pace.paused
+        until(tab, lambda: pace.paused)
         pace.end()
         tab.get_by_text("1 of 1 cycles succeeded").wait_for()
         running.join()
@@ -231,10 +257,9 @@ def test_ghosts_appear(browser, arm_page):
     tab, _ = open_page(browser, arm_page.page.url)
     tab.wait_for_selector("#kr-branches")
     arm_page.move(np.array([-0.6, 0.3, -0.4, 0.7, 0.8, 0.2]))
-    tab.wait_for_timeout(3000)
+    settle(tab)
     with_ghosts = picture(tab, "ghosts")
     box = tab.get_by_label("ghosts", exact=True)
     box.uncheck()
-    tab.wait_for_timeout(3000)
-    assert picture(tab, "no_ghosts") != with_ghosts
+    until(tab, lambda: picture(tab, "no_ghosts") != with_ghosts)
     tab.close()
