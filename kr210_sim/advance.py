@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from typing import TypeAlias
 
 import numpy as np
@@ -13,7 +14,7 @@ from kr210_sim.arrays import Array
 _AT_ONCE = 64
 """Configurations looked at together, at most: fewer calls, but more of them than needed."""
 
-_PARTS = 5
+_PARTS = 3
 """Configurations of each path looked at to begin with."""
 
 _MOST_PARTS, _MOST_PARTS_ALONE = 4, 2
@@ -26,16 +27,32 @@ _EXPECT = 0.5
 _CAUTION = 0.9
 """What is taken of a reach that must be found by trial, where a path bends."""
 
-Weights: TypeAlias = tuple[Array, Array]
-"""Rows (B, P, 6) and sets of rows (B, S, R, 6) of weights w [1/rad]: nothing can come too near
-while each joint travels |dq| with w |dq| <= 1 in all rows and in all those of one of the sets."""
 
-Look: TypeAlias = Callable[[Array], Weights | None]
-"""Looks at configurations (B, 6). Returns weights from there, None if one is too near."""
+@dataclass(frozen=True, kw_only=True)
+class Stretches:
+    """Stretches of polylines that begin where B looks were, E from each of them.
 
-LookEach: TypeAlias = Callable[[Array, NDArray[np.int64]], tuple[Weights, NDArray[np.bool_]]]
-"""Looks at configurations (B, 6), each of the path with an index (B,). Returns weights as `Look`
-does, and (B,) whether each is too near; the weights of those that are do not count."""
+    Attributes:
+        change: (B, E, 6) of the joint positions, from its beginning to its end [rad].
+        travel: (B, E, 6) of the joints on the way [rad].
+        bend: (B, E, 6) how far the joints leave the straight line on the way, at most [rad].
+    """
+
+    change: Array
+    travel: Array
+    bend: Array
+
+
+Room: TypeAlias = Callable[[Stretches], Array]
+"""What looks found free around them. Returns (B, E) at least 1 if nothing can come too near on a
+stretch, else the share of it that would be free if it were straight."""
+
+Look: TypeAlias = Callable[[Array], Room | None]
+"""Looks at configurations (B, 6). Returns the room around them, None if one is too near."""
+
+LookEach: TypeAlias = Callable[[Array, NDArray[np.int64]], tuple[Room, NDArray[np.bool_]]]
+"""Looks at configurations (B, 6), each of the path with an index (B,). Returns the room as `Look`
+does, and (B,) whether each is too near; the room around those that are does not count."""
 
 
 def advance(q: Array, look: Look) -> bool:
@@ -45,12 +62,10 @@ def advance(q: Array, look: Look) -> bool:
     next: coarse first, so that a blocked path is refused early.
     """
 
-    def look_each(q: Array, _: NDArray[np.int64]) -> tuple[Weights, NDArray[np.bool_]]:
-        weights = look(q)
-        if weights is None:
-            none = np.zeros((len(q), 1, 1, 6))
-            return (none[:, 0], none), np.ones(len(q), dtype=bool)
-        return weights, np.zeros(len(q), dtype=bool)
+    def look_each(q: Array, _: NDArray[np.int64]) -> tuple[Room, NDArray[np.bool_]]:
+        room = look(q)
+        near = np.full(len(q), room is None)
+        return room or (lambda stretches: np.ones(stretches.change.shape[:2])), near
 
     return bool(advance_each([q], look_each)[0])
 
@@ -76,8 +91,7 @@ def advance_each(
     count = np.array([len(path) for path in paths])
     last = np.cumsum(count) - 1
     begin = last + 1 - count
-    travel = np.zeros_like(q)
-    np.cumsum(np.abs(np.diff(q, axis=0)), axis=0, out=travel[1:])
+    lines = _Lines(q)
     free = np.ones(len(paths), dtype=bool)
     most = _MOST_PARTS if len(paths) > 1 else _MOST_PARTS_ALONE
     parts = np.where((count > 1) & _first(free, choice), _PARTS, 1)
@@ -89,7 +103,7 @@ def advance_each(
         if not len(turn):
             return first
         which, ends, middle = owner[turn], waiting[turn, :2], waiting[turn, 2]
-        (rows, sets), near = look(_at(q, middle), which)
+        room, near = look(_at(q, middle), which)
         free[which[near]] = False
         stays = free[owner]
         stays[turn] = False
@@ -103,8 +117,8 @@ def advance_each(
             waiting[hit, 2] = there[hit]
             urgent |= hit
         goes_on = free[which]
+        reached = lines.reached(middle, ends, room, goes_on)[goes_on]
         middle, ends, which = middle[goes_on], ends[goes_on], which[goes_on]
-        reached = _reached(travel, (rows[goes_on], sets[goes_on]), middle, ends)
         left = np.stack([np.minimum(reached, ends), np.maximum(reached, ends)], axis=2)
         # What a look reached there it will reach about again.
         further = np.abs(ends - reached) / np.maximum(np.abs(reached - middle[:, None]), 1e-12)
@@ -139,25 +153,55 @@ def _divided(
     return np.stack([lower, upper, (lower + upper) / 2], axis=1), owner[index]
 
 
-def _reached(travel: Array, weights: Weights, middle: Array, ends: Array) -> Array:
-    """Return how far looks from the middle (B,) prove the polylines towards both ends (B, 2)."""
-    origin = _at(travel, middle)[:, None]
-    aside = ends - middle[:, None]
-    rows, sets = weights
-    transposed = np.swapaxes(rows, 1, 2)
-    beside = np.swapaxes(sets.reshape(len(sets), sets.shape[1] * sets.shape[2], 6), 1, 2)
-    share = np.ones(ends.shape)
-    while True:
-        reached = middle[:, None] + share * aside
-        spent = np.abs(_at(travel, reached) - origin)
-        used = np.max(spent @ transposed, axis=2, initial=0.0)
-        in_sets = np.max((spent @ beside).reshape(*used.shape, *sets.shape[1:3]), axis=3)
-        np.maximum(used, np.min(in_sets, axis=2), out=used)
-        if np.all(used <= 1.0):
-            return np.where(share == 1.0, ends, reached)
-        # At once on a straight piece; where the path bends it takes a few trials.
-        less = np.where(share == 1.0, 1.0 - 1e-9, _CAUTION) / np.maximum(used, 1.0)
-        share = np.where(used <= 1.0, share, share * less)
+class _Lines:
+    """Polylines through configurations (N, 6), one after another."""
+
+    def __init__(self, q: Array) -> None:
+        steps = np.diff(q, axis=0)
+        travel, self._turns = np.zeros_like(q), np.zeros_like(q)
+        np.cumsum(np.abs(steps), axis=0, out=travel[1:])
+        np.cumsum(np.abs(np.diff(steps, axis=0)), axis=0, out=self._turns[1:-1])
+        self._both = np.concatenate([q, travel], axis=1)
+
+    def reached(
+        self, middle: Array, ends: Array, room: Room, counts: NDArray[np.bool_]
+    ) -> Array:
+        """Return how far the room around looks proves the lines towards both ends (B, 2).
+
+        Args:
+            middle: (B,) positions of the looks.
+            ends: (B, 2) how far to go.
+            room: around them.
+            counts: (B,) whether it does.
+        """
+        begin = middle[:, None]
+        at_begin, aside = _at(self._both, begin), ends - begin
+        share = np.ones(ends.shape)
+        while True:
+            reached = begin + share * aside
+            change = _at(self._both, reached) - at_begin
+            found = room(
+                Stretches(
+                    change=change[..., :6],
+                    travel=np.abs(change[..., 6:]),
+                    bend=self._bend(np.minimum(begin, reached), np.maximum(begin, reached)),
+                )
+            )
+            proved = (found >= 1.0) | ~counts[:, None]
+            if np.all(proved):
+                return np.where(share == 1.0, ends, reached)
+            # At once on a straight piece; where the path bends it takes a few trials.
+            less = np.where(share == 1.0, 1.0 - 1e-9, _CAUTION) * found
+            share = np.where(proved, share, share * less)
+
+    def _bend(self, low: Array, high: Array) -> Array:
+        """Return how far the lines leave the straight one between positions at most (..., 6).
+
+        That is a quarter of what the turns on the way, all in the middle, would make of the length.
+        """
+        first, last = low.astype(np.int64), np.ceil(high).astype(np.int64) - 1
+        turns = self._turns[np.maximum(last, first)] - self._turns[first]
+        return np.asarray((high - low)[..., None] / 4.0 * turns)
 
 
 def _at(rows: Array, position: Array) -> Array:

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kr210_sim import pairs
-from kr210_sim.advance import Weights, advance, advance_each
+from kr210_sim.advance import Room, advance, advance_each
 from kr210_sim.arrays import Array
 from kr210_sim.criteria import CLEARANCE_CAP
 from kr210_sim.legs import Hand, Question
@@ -71,7 +71,7 @@ class MujocoOracle:
         required = np.array([[-np.inf, pairs.SELF_CLEARANCE, kept] for kept in clearances])
         what = [""] * len(questions)
 
-        def look(q: Array, which: NDArray[np.int64]) -> tuple[Weights, NDArray[np.bool_]]:
+        def look(q: Array, which: NDArray[np.int64]) -> tuple[Room, NDArray[np.bool_]]:
             asked = required[which]
             seen = self._eyes.see(q, hands[which], asked)
             excess = seen.distance - asked[seen.row, seen.kind]
@@ -83,7 +83,7 @@ class MujocoOracle:
                 names = (self._eyes.name(int(geom)) for geom in seen.geoms[nearest])
                 distance = f" within {1000 * seen.distance[nearest]:.0f} mm of "
                 what[which[row]] = what[which[row]] or distance.join(names)
-            return pairs.weights(seen, excess, asked[:, pairs.FREE]), near
+            return pairs.room(seen, excess, asked[:, pairs.FREE]), near
 
         free = advance_each([question.q for question in questions], look, choice_of)
         found: list[int | str] = []
@@ -106,7 +106,7 @@ class MujocoOracle:
         """
         best = CLEARANCE_CAP
 
-        def look(q: Array) -> Weights:
+        def look(q: Array) -> Room:
             nonlocal best
             hands = np.full(len(q), pairs.HANDS[hand])
             seen = self._eyes.see(q, hands, np.tile([-np.inf, -np.inf, best], (len(q), 1)))
@@ -114,8 +114,7 @@ class MujocoOracle:
             best = min(best, float(np.min(seen.distance, initial=best, where=counts)))
             required = np.full(len(q), best - _GAUGE)
             excess = seen.distance - required[0]
-            rows, either = pairs.weights(seen, excess, required)
-            return rows[:, : pairs.WITHIN], either
+            return pairs.room(seen, excess, required, within=False)
 
         advance(q, look)
         return best

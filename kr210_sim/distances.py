@@ -12,12 +12,12 @@ from numpy.typing import NDArray
 from kr210_sim.arrays import Array
 
 _DEEP = 1e6  # how far a plane reaches down and sideways [m]
-_WORTHWHILE = 0.03
+_WORTHWHILE = 0.015
 """A lower bound this much above what is required is as good as the distance [m]."""
 
 Bounds: TypeAlias = tuple[NDArray[np.int64], NDArray[np.int64], Array, Array]
 """Rows of configurations (n,), pairs (n,) by their row in `geoms`, lower bounds (n,) [m], and
-directions (n, 3) along which the two are that far apart, of either sign."""
+directions (n, 3) from the second to the first, along which they are that far apart."""
 
 
 class GeomPairs:
@@ -133,7 +133,7 @@ class GeomPairs:
                 posed = row
             exact[index] = distance(model, data, one, other, far, ends[index])
         bounds[asked] = exact
-        directions[asked] = (ends[:, 3:] - ends[:, :3]) / np.maximum(np.abs(exact), 1e-12)[:, None]
+        directions[asked] = (ends[:, :3] - ends[:, 3:]) / np.maximum(np.abs(exact), 1e-12)[:, None]
 
     def _boxes(self, position: Array, rotation: Array, geoms: NDArray[np.int64]) -> Array:
         """Return boxes along the world's axes around geoms (6, B, n): lower ends, -upper [m]."""

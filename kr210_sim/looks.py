@@ -57,7 +57,9 @@ class Eyes:
         self._kind, self._pair = (table[:, *sorts.T] for table in pairs.tables())
         # Of hand or target and what is fixed, the one that may be carried.
         group = np.where(self._role == pairs.TARGET, HAND, self._group)[self._pairs.geoms]
-        self._mover = self._pairs.geoms[np.arange(len(group)), np.argmax(group, axis=1)]
+        second = np.argmax(group, axis=1)
+        self._mover = self._pairs.geoms[np.arange(len(group)), second]
+        self._sign = 1.0 - 2.0 * second[:, None]
         # By whether the target is held; it belongs to the hand then, all else is as before.
         self._centers, self._radii = np.zeros((2, HAND, 3)), np.zeros((2, HAND))
         for index in range(HAND):
@@ -126,7 +128,7 @@ class Eyes:
             "kind": kind,
             "pair": self._pair[hands[row], pair],
             "distance": distance,
-            "direction": direction,
+            "direction": self._sign[pair] * direction,
             "spot": poses[0][row, mover],
             "size": self._model.geom_rbound[mover],
         }

@@ -8,7 +8,7 @@ from functools import cache
 import numpy as np
 from numpy.typing import NDArray
 
-from kr210_sim.advance import Weights
+from kr210_sim.advance import Room, Stretches
 from kr210_sim.arrays import Array
 from kr210_sim.criteria import CLEARANCE_CAP
 from kr210_sim.legs import Hand
@@ -45,8 +45,6 @@ are always near; that of base and link 1 is seen at each configuration looked at
 WITHIN = HAND - 1  # first of the pairs within the robot
 _TOGETHER = len(_PAIRS)  # stands for pairs that do not move against each other, or may touch
 _HAND = HAND - 2  # the row of the hand and what is fixed
-_STRIDE = 3.0
-"""How far the hand may move, in distances from what is nearest: more than 1 along a wall."""
 _LEAST = 1e-6  # [m]
 _BETWEEN = (_JOINTS >= _PAIRS[:, :1] - 1) & (_JOINTS < _PAIRS[:, 1:] - 1)
 
@@ -61,7 +59,8 @@ class Seen:
         kind: (n,) one of IGNORED, SELF, FREE.
         pair: (n,) row of `_PAIRS`, or `_TOGETHER`.
         distance: (n,) between them [m].
-        direction: (n, 3) along which they are that far apart, of either sign.
+        direction: (n, 3) along which they are that far apart, to the one that the hand carries
+            or is.
         spot, size: (n, 3), (n,) a ball around the one that the hand carries or is [m].
         centers, radii: (B, 7, 3), (B, 7) of balls around all groups but the fixed [m].
         anchor, axis: (B, 6, 3) a point [m] and the direction of each joint axis.
@@ -114,17 +113,89 @@ def _tables(hand: Hand) -> tuple[NDArray[np.int8], NDArray[np.int8]]:
     return kind, np.where(kind == IGNORED, _TOGETHER, rows[group[:, None], group])
 
 
-def weights(seen: Seen, excess: Array, clearance: Array) -> Weights:
-    """Return how travel of the joints uses up the room, for `advance`.
+@dataclass(frozen=True, kw_only=True)
+class _HandRoom:
+    """Room between the hand and what is fixed, by direction.
 
-    While the joints j between two groups travel |dq_j|, a point of the one further down the arm
-    moves by at most sum_j |dq_j| (r_j + room) relative to the other: r_j is its distance from
+    Attributes:
+        least: (B,) distance above what is required to the nearest thing [m].
+        far: (B,) what is not near is farther than that above what is required [m].
+        reach: (B, 6) of the hand from the axes [m].
+        screws: (B, 6, 6) of each joint the direction of its axis and the velocity of the origin
+            per radian.
+        row: (n,) index of the configuration of each of the pairs that are near, ascending.
+        excess: (n,) distance above what is required [m].
+        wrench: (n, 6) moment about the origin of the direction from what is fixed to the hand, at
+            the middle of the hand's part, and the direction.
+        size: (n,) of the hand's part around its middle [m].
+    """
+
+    least: Array
+    far: Array
+    reach: Array
+    screws: Array
+    row: NDArray[np.int64]
+    excess: Array
+    wrench: Array
+    size: Array
+
+    def __call__(self, stretches: Stretches) -> Array:
+        """Return the share (B, E) of stretches on which nothing fixed comes too near the hand.
+
+        Two convex shapes that are d apart along n stay so until a point of the hand has moved by
+        d against n. Let joint j travel t_j in all, r_j be the distance of the hand from axis j at
+        most, and s = sum_j t_j r_j / (1 - sum_j t_j): no point of the hand moves by more than
+        s, for until one has, each is no farther than r_j + s from axis j, and
+        sum_j t_j (r_j + s) = s. Point p moves along n by the integral of sum_j g_j dq_j with
+        g_j = n . (a_j x (p - o_j)). While joint j has travelled x_j, g_j has changed from what
+        it was in the beginning by at most sum_(k >= j) x_k (r_k + s) by the motion of p in the
+        frame of the axis, and by (r_j + s) sum_(k < j) x_k by the motion of the axis. Integrated
+        by parts that is at most Q = sum_j t_j (t_j (r_j + s) / 2 + sum_(k > j) t_k (r_k + s)) .
+        What g_j was makes sum_j g_j dq_j, at most max(0, its value at the end) along a straight
+        line, and no more than sum_j b_j r_j beside it on a line that leaves the straight one by
+        b_j. For all points p of a ball with middle c and radius e it is at least its value at c
+        less e |n x sum_j a_j dq_j|.
+        """
+        travel = stretches.travel
+        total, moved = np.sum(travel, axis=2), (travel @ self.reach[:, :, None])[..., 0]
+        least, far = self.least[:, None], self.far[:, None]
+        nothing_near = far / np.maximum(moved + far * total, _LEAST)
+        any_direction = least / np.maximum(moved + least * total, _LEAST)
+        most = np.minimum(moved / np.maximum(1.0 - total, _LEAST), far)[..., None]
+        parts = travel * (self.reach[:, None] + most)
+        beyond = np.cumsum(parts[..., ::-1], axis=2)[..., ::-1] - parts / 2.0
+        second = np.sum(travel * beyond + stretches.bend * self.reach[:, None], axis=2)
+        if len(self.row):
+            twist = stretches.change @ self.screws
+            turn = np.einsum("bex,bex->be", twist[..., :3], twist[..., :3])
+            twist = np.take(twist, self.row, axis=0)  # (n, E, 6)
+            toward = np.einsum("nex,nx->ne", twist, self.wrench)
+            along = np.einsum("nex,nx->ne", twist[..., :3], self.wrench[:, 3:])
+            across = np.maximum(turn[self.row] - along * along, 0.0)
+            first = np.maximum(self.size[:, None] * np.sqrt(across) - toward, 0.0)
+            excess = self.excess[:, None]
+            root = first + np.sqrt(first * first + 4.0 * excess * second[self.row])
+            shares = 2.0 * excess / np.maximum(root, _LEAST * _LEAST)
+            begin = np.flatnonzero(np.diff(self.row, prepend=-1))
+            rows = self.row[begin]
+            nothing_near[rows] = np.minimum(
+                nothing_near[rows], np.minimum.reduceat(shares, begin)
+            )
+        return np.asarray(np.maximum(nothing_near, any_direction))
+
+
+def room(seen: Seen, excess: Array, clearance: Array, *, within: bool = True) -> Room:
+    """Return the room around configurations, for `advance`.
+
+    While the joints j between two groups travel t_j, a point of the one further down the arm
+    moves by at most sum_j t_j (r_j + room) relative to the other: r_j is its distance from
     axis j at the beginning, and until the room is used up it has come no farther.
 
     Args:
         seen: at B configurations.
         excess: (n,) distance above what is required of each pair that is near [m].
         clearance: (B,) required of those that are not near each other [m].
+        within: whether distances within the robot count.
     """
     arms = seen.centers[:, 1:, None] - seen.anchor[:, None]  # (B, 6 groups, 6 joints, 3)
     along = np.einsum("bgjx,bjx->bgj", arms, seen.axis)
@@ -132,52 +203,42 @@ def weights(seen: Seen, excess: Array, clearance: Array) -> Weights:
     from_axis = np.sqrt(np.maximum(squared - along * along, 0.0))
     reach = from_axis + seen.radii[:, 1:, None]
     # What is not reported is farther than the margins; links are farther than their balls, too.
-    room = np.empty((len(reach), _TOGETHER + 1))
-    room[:] = (NEAR - clearance)[:, None]
+    least = np.empty((len(reach), _TOGETHER + 1))
+    least[:] = (NEAR - clearance)[:, None]
     one, other = _PAIRS[WITHIN:].T - 1
     between = seen.centers[:, one] - seen.centers[:, other]
     gaps = np.sqrt(np.einsum("bpx,bpx->bp", between, between))
     gaps -= seen.radii[:, one] + seen.radii[:, other]
     gaps -= np.maximum(clearance, SELF_CLEARANCE)[:, None]
-    room[:, WITHIN:_TOGETHER] = np.maximum(NEAR_SELF - SELF_CLEARANCE, gaps)
-    np.minimum.at(room, (seen.row, seen.pair), excess)
-    rows = np.where(_BETWEEN, reach[:, _PAIRS[:, 1] - 2] / room[:, :-1, None] + 1.0, 0.0)
-    either = _hand(seen, excess, room[:, _HAND], reach[:, HAND - 2], NEAR - clearance)
-    either[:, 0, 0] = rows[:, _HAND]
+    least[:, WITHIN:_TOGETHER] = np.maximum(NEAR_SELF - SELF_CLEARANCE, gaps)
+    np.minimum.at(least, (seen.row, seen.pair), excess)
+    rows = np.where(_BETWEEN, reach[:, _PAIRS[:, 1] - 2] / least[:, :-1, None] + 1.0, 0.0)
     rows[:, _HAND] = 0.0
-    return rows, either
+    transposed = np.swapaxes(rows if within else rows[:, :WITHIN], 1, 2)
+    hand = _hand(seen, excess, least[:, _HAND], reach[:, HAND - 2], NEAR - clearance)
+
+    def share(stretches: Stretches) -> Array:
+        used = np.max(stretches.travel @ transposed, axis=2)
+        return np.minimum(1.0 / np.maximum(used, _LEAST), hand(stretches))
+
+    return share
 
 
-def _hand(seen: Seen, excess: Array, least: Array, reach: Array, far: Array) -> Array:
-    """Return how travel uses up the room between the hand and what is fixed, by direction.
-
-    Two convex shapes that are d apart along n are so until one has moved by d along n. While no
-    point of the hand has moved by more than s, which takes sum_j |dq_j| (r_j + s) <= s, the rate
-    along n of a point p, n . (a_j x (p - o_j)) per radian of joint j, changes by at most s by the
-    motion of p in the frame of the axis, and by r_j + s times the angles of the joints before j by
-    the motion of the axis: the latter sums to less than s sum_j |dq_j|. So along n it moves by at
-    most sum_j |dq_j| (|(n x a_j) . (p - o_j)| + 2 s).
-
-    Args:
-        seen: at B configurations.
-        excess: (n,) distance above what is required of each pair that is near [m].
-        least: (B,) excess of the hand against what is fixed [m].
-        reach: (B, 6) of the hand from the axes [m].
-        far: (B,) what is not near is farther than that above what is required [m].
-
-    Returns:
-        (B, 2, 2, 6): either set of two rows must hold; the first set is left at zero.
-    """
-    sets = np.zeros((len(reach), 2, 2, 6))
-    step = np.clip(_STRIDE * least, _LEAST, far)[:, None]  # what is too near does not count
-    sets[:, 1, 0] = reach / step + 1.0
+def _hand(seen: Seen, excess: Array, least: Array, reach: Array, far: Array) -> _HandRoom:
+    """Return the room between the hand and what is fixed; excess as for `room`."""
     near = np.flatnonzero(seen.pair == _HAND)
+    near = near[np.argsort(seen.row[near], kind="stable")]
     row = seen.row[near]
-    (ax, ay, az), (nx, ny, nz) = seen.axis[row].T, seen.direction[near].T  # (6 joints, n), (n,)
-    x, y, z = (seen.spot[near][:, None] - seen.anchor[row]).T
-    along = ax * nx + ay * ny + az * nz
-    rate = np.abs(nx * (ay * z - az * y) + ny * (az * x - ax * z) + nz * (ax * y - ay * x))
-    rate += np.sqrt(np.maximum(1.0 - along * along, 0.0)) * seen.size[near]
-    rate += 2.0 * step[row, 0]
-    np.maximum.at(sets[:, 1, 1], row, (rate / np.maximum(excess[near], _LEAST)).T)
-    return sets
+    x, y, z = seen.spot[near].T
+    nx, ny, nz = seen.direction[near].T
+    moment = [y * nz - z * ny, z * nx - x * nz, x * ny - y * nx]
+    return _HandRoom(
+        least=least,
+        far=far,
+        reach=reach,
+        screws=np.concatenate([seen.axis, np.cross(seen.anchor, seen.axis)], axis=2),
+        row=row,
+        excess=np.maximum(excess[near], _LEAST),  # what is too near does not count
+        wrench=np.array([*moment, nx, ny, nz]).T,
+        size=seen.size[near],
+    )
