@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import TypeAlias
 
 import mujoco
@@ -39,21 +38,33 @@ class GeomPairs:
 
         Args:
             model: the world.
-            data: its state, from which the poses of what is fixed are taken.
+            data: its state, from which all poses are taken; which poses are written to later.
             part: (ngeom,) 0 what is fixed, else the number of the moving part.
             far: (G, G) by two such numbers: pairs further apart do not count [m].
         """
-        self._model = model
+        self._model, self._data = model, data
         solid = (model.geom_contype != 0) | (model.geom_conaffinity != 0)
         moving, fixed = np.flatnonzero(solid & (part > 0)), np.flatnonzero(solid & (part == 0))
         self._moving = moving = moving[np.argsort(part[moving], kind="stable")]
         names, own = np.unique(part[moving], return_inverse=True)
         parts = len(names)
         self._begin = np.searchsorted(own, np.arange(parts))
-        self._middle, self._half = model.geom_aabb[:, :3].copy(), model.geom_aabb[:, 3:].copy()
+        self._names = names - 1
+        middle, half = model.geom_aabb[:, :3].copy(), model.geom_aabb[:, 3:].copy()
         plane = model.geom_type == mujoco.mjtGeom.mjGEOM_PLANE
-        self._middle[plane], self._half[plane] = [0.0, 0.0, -_DEEP], _DEEP
-        self._fixed = self._boxes(data.geom_xpos[None], data.geom_xmat[None], fixed)
+        middle[plane], half[plane] = [0.0, 0.0, -_DEEP], _DEEP
+        rotation = data.geom_xmat.reshape(-1, 3, 3)
+        center = data.geom_xpos + (rotation @ middle[..., None])[..., 0]
+        size = (np.abs(rotation) @ half[..., None])[..., 0]
+        self._fixed = np.concatenate([center - size, -center - size], axis=1)[fixed].T[:, None]
+        # Of each moving geom the axes, the middle of its box, and its position: (4, 5) each.
+        frames = np.zeros((model.ngeom, 4, 5))
+        frames[:, :3, :3], frames[:, :3, 3], frames[:, :3, 4] = rotation, center, data.geom_xpos
+        frames[:, 3, 3:] = 1.0
+        self._frames = np.split(frames[moving].swapaxes(0, 1), self._begin[1:], axis=1)
+        self._half = half[moving].T[:, None]
+        self._index = np.zeros(model.ngeom, dtype=np.int64)
+        self._index[moving] = np.arange(len(moving))
         # Pairs come in bundles: each part with each fixed geom, then the parts with one another.
         self._one, self._other = np.triu_indices(parts, 1)
         number = np.zeros((parts, parts + len(fixed)), dtype=np.int64)
@@ -74,14 +85,31 @@ class GeomPairs:
         self._with_fixed = self._count[: parts * len(fixed)].reshape(parts, -1) > 0
         self._with_part = self._count[parts * len(fixed) :] > 0
 
-    def bounds(self, position: Array, rotation: Array) -> Bounds:
+    def posed(self, moved: Array) -> Array:
+        """Return where the moving geoms are (B, 3, M, 5): axes, middle of the box, position.
+
+        Args:
+            moved: (B, G, 4, 4) how each part has moved since the beginning, by its number less 1.
+        """
+        geoms = [
+            (moved[:, name, :3] @ frames.reshape(4, -1)).reshape(len(moved), 3, -1, 5)
+            for name, frames in zip(self._names, self._frames, strict=True)
+        ]
+        return np.concatenate(geoms, axis=2)
+
+    def positions(self, posed: Array, row: NDArray[np.int64], geom: NDArray[np.int64]) -> Array:
+        """Return positions (n, 3) of moving geoms (n,) in rows (n,) of `posed`."""
+        return posed[row, :, self._index[geom], 4]
+
+    def bounds(self, posed: Array) -> Bounds:
         """Return lower bounds of the distances of the pairs for which they are less than `far`.
 
         Args:
-            position: (B, ngeom, 3) of the geoms [m].
-            rotation: (B, ngeom, 9) of the geoms.
+            posed: (B, 3, M, 5), by `posed`.
         """
-        moving = self._boxes(position, rotation, self._moving)
+        x, y, z, center, _ = posed.transpose(3, 1, 0, 2)
+        size = np.abs(x) * self._half[0] + np.abs(y) * self._half[1] + np.abs(z) * self._half[2]
+        moving = np.concatenate([center - size, -center - size])
         parts = np.minimum.reduceat(moving, self._begin, axis=2)
         wide = (parts - self._far_fixed)[..., None]
         row, part, box = np.nonzero(_meet(wide, self._fixed[:, :, None]) & self._with_fixed)
@@ -92,7 +120,7 @@ class GeomPairs:
         row = np.repeat(np.append(row, at), count)
         pair = np.repeat(self._first[bundle] - np.cumsum(count) + count, count)
         pair += np.arange(len(pair))
-        fixed = np.broadcast_to(self._fixed, (6, len(position), self._fixed.shape[2]))
+        fixed = np.broadcast_to(self._fixed, (6, len(posed), self._fixed.shape[2]))
         boxes = np.concatenate([moving, fixed], axis=2)
         one, other = self._pairs[:, pair] + row * boxes.shape[2]
         boxes = boxes.reshape(6, -1)
@@ -109,43 +137,29 @@ class GeomPairs:
         # Geoms in boxes that overlap may be deep in each other.
         return row[keep], pair[keep], np.where(squared > 0.0, distance, -np.inf), direction
 
-    def sharpen(
-        self, found: Bounds, required: Array, data: mujoco.MjData, poses: Sequence[Array]
-    ) -> None:
+    def sharpen(self, found: Bounds, required: Array, posed: Array) -> None:
         """Replace lower bounds that are not far above what is required by what is so, in place.
 
         Args:
             found: by `bounds`.
             required: (n,) of each of these pairs [m].
-            data: which poses are written to.
-            poses: position (B, ngeom, 3) [m] and rotation (B, ngeom, 9) of the geoms.
+            posed: (B, 3, M, 5), by `posed`.
         """
         rows, pairs, bounds, directions = found
         asked = np.flatnonzero(bounds < required + _WORTHWHILE)
         asked = asked[np.argsort(rows[asked], kind="stable")]
         geoms = self.geoms[pairs[asked]].tolist()
         exact, ends = np.empty(len(asked)), np.zeros((len(asked), 6))
-        model, distance, posed = self._model, mujoco.mj_geomDistance, -1
+        model, data, distance, row = self._model, self._data, mujoco.mj_geomDistance, -1
         far = float(np.max(self._far))
-        for index, (row, (one, other)) in enumerate(zip(rows[asked].tolist(), geoms, strict=True)):
-            if row != posed:
-                data.geom_xpos[:], data.geom_xmat[:] = poses[0][row], poses[1][row]
-                posed = row
+        for index, (now, (one, other)) in enumerate(zip(rows[asked].tolist(), geoms, strict=True)):
+            if now != row:
+                row, pose = now, posed[now]
+                data.geom_xpos[self._moving] = pose[:, :, 4].T
+                data.geom_xmat[self._moving] = pose[:, :, :3].swapaxes(0, 1).reshape(-1, 9)
             exact[index] = distance(model, data, one, other, far, ends[index])
         bounds[asked] = exact
         directions[asked] = (ends[:, :3] - ends[:, 3:]) / np.maximum(np.abs(exact), 1e-12)[:, None]
-
-    def _boxes(self, position: Array, rotation: Array, geoms: NDArray[np.int64]) -> Array:
-        """Return boxes along the world's axes around geoms (6, B, n): lower ends, -upper [m]."""
-        # Three products of columns are several times quicker than stacks of small matrices.
-        columns = rotation[:, geoms].reshape(len(rotation), -1, 3, 3).transpose(3, 2, 0, 1)
-        middle, half = self._middle[geoms].T, self._half[geoms].T
-        x, y, z = columns
-        center = position[:, geoms].transpose(2, 0, 1)
-        center = center + (x * middle[0] + y * middle[1] + z * middle[2])
-        x, y, z = np.abs(columns)
-        size = x * half[0] + y * half[1] + z * half[2]
-        return np.concatenate([center - size, -center - size])
 
 
 def _meet(wide: Array, other: Array) -> NDArray[np.bool_]:
