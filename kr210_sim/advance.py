@@ -163,9 +163,7 @@ class _Lines:
         np.cumsum(np.abs(np.diff(steps, axis=0)), axis=0, out=self._turns[1:-1])
         self._both = np.concatenate([q, travel], axis=1)
 
-    def reached(
-        self, middle: Array, ends: Array, room: Room, counts: NDArray[np.bool_]
-    ) -> Array:
+    def reached(self, middle: Array, ends: Array, room: Room, counts: NDArray[np.bool_]) -> Array:
         """Return how far the room around looks proves the lines towards both ends (B, 2).
 
         Args:

@@ -24,11 +24,11 @@ class Chain:
         self._axes = np.zeros((len(axis), 4, 2))  # anchor and axis, side by side
         self._axes[:, :3, 0], self._axes[:, 3, 0], self._axes[:, :3, 1] = anchor, 1.0, axis
         cross = np.zeros((len(axis), 3, 3))
-        for (row, column), of in {(1, 0): 2, (0, 2): 1, (2, 1): 0}.items():
-            cross[:, row, column], cross[:, column, row] = axis[:, of], -axis[:, of]
+        for (row, column), left in {(1, 0): 2, (0, 2): 1, (2, 1): 0}.items():
+            cross[:, row, column], cross[:, column, row] = axis[:, left], -axis[:, left]
         self._sine, self._versine = (np.zeros((len(axis), 4, 4)) for _ in range(2))
-        for term, of in ((self._sine, cross), (self._versine, cross @ cross)):
-            term[:, :3, :3], term[:, :3, 3:] = of, -of @ anchor[..., None]
+        for term, factor in ((self._sine, cross), (self._versine, cross @ cross)):
+            term[:, :3, :3], term[:, :3, 3:] = factor, -factor @ anchor[..., None]
 
     def moved(self, q: Array) -> Array:
         """Return how base and links have moved (B, n + 1, 4, 4) at configurations (B, n)."""

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from kr210_sim.arrays import Array
 
 _DEEP = 1e6  # how far a plane reaches down and sideways [m]
-_WORTHWHILE = 0.015
+_WORTHWHILE = 0.02
 """A lower bound this much above what is required is as good as the distance [m]."""
 
 Bounds: TypeAlias = tuple[NDArray[np.int64], NDArray[np.int64], Array, Array]
@@ -159,7 +159,8 @@ class GeomPairs:
                 data.geom_xmat[self._moving] = pose[:, :, :3].swapaxes(0, 1).reshape(-1, 9)
             exact[index] = distance(model, data, one, other, far, ends[index])
         bounds[asked] = exact
-        directions[asked] = (ends[:, :3] - ends[:, 3:]) / np.maximum(np.abs(exact), 1e-12)[:, None]
+        apart = np.where(np.abs(exact) > 1e-12, exact, 1e-12)  # negative where they overlap
+        directions[asked] = (ends[:, :3] - ends[:, 3:]) / apart[:, None]
 
 
 def _meet(wide: Array, other: Array) -> NDArray[np.bool_]:

@@ -169,18 +169,16 @@ class _HandRoom:
             twist = stretches.change @ self.screws
             turn = np.einsum("bex,bex->be", twist[..., :3], twist[..., :3])
             twist = np.take(twist, self.row, axis=0)  # (n, E, 6)
-            toward = np.einsum("nex,nx->ne", twist, self.wrench)
+            away = np.einsum("nex,nx->ne", twist, self.wrench)
             along = np.einsum("nex,nx->ne", twist[..., :3], self.wrench[:, 3:])
             across = np.maximum(turn[self.row] - along * along, 0.0)
-            first = np.maximum(self.size[:, None] * np.sqrt(across) - toward, 0.0)
+            first = np.maximum(self.size[:, None] * np.sqrt(across) - away, 0.0)
             excess = self.excess[:, None]
             root = first + np.sqrt(first * first + 4.0 * excess * second[self.row])
             shares = 2.0 * excess / np.maximum(root, _LEAST * _LEAST)
             begin = np.flatnonzero(np.diff(self.row, prepend=-1))
             rows = self.row[begin]
-            nothing_near[rows] = np.minimum(
-                nothing_near[rows], np.minimum.reduceat(shares, begin)
-            )
+            nothing_near[rows] = np.minimum(nothing_near[rows], np.minimum.reduceat(shares, begin))
         return np.asarray(np.maximum(nothing_near, any_direction))
 
 
@@ -219,7 +217,7 @@ def room(seen: Seen, excess: Array, clearance: Array, *, within: bool = True) ->
 
     def share(stretches: Stretches) -> Array:
         used = np.max(stretches.travel @ transposed, axis=2)
-        return np.minimum(1.0 / np.maximum(used, _LEAST), hand(stretches))
+        return np.asarray(np.minimum(1.0 / np.maximum(used, _LEAST), hand(stretches)))
 
     return share
 

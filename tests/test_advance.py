@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from kr210_sim.advance import Weights, advance, advance_each
+from kr210_sim.advance import Room, Stretches, advance, advance_each
 
 REACH = 2.0  # [m], of a point that every joint moves at most this far per radian
 
@@ -23,18 +23,29 @@ class Field:
         apart = np.max(np.abs(q[..., None, :] - self.centers), axis=-1)
         return REACH * (np.min(apart, axis=-1) - 0.58)
 
-    def look(self, q: np.ndarray) -> Weights | None:
+    def at(self, q: np.ndarray) -> tuple[float, bool]:
+        """Return the room at a configuration (6,) [m], and whether it is too little."""
+        room = float(self.distance(q)) - self.clearance
+        return room, room < self.tolerance
+
+    def look(self, q: np.ndarray) -> Room | None:
         self.looks += len(q)
         room = self.distance(q) - self.clearance
         if np.any(room < self.tolerance):
             return None
-        return weights(np.broadcast_to(REACH / room[:, None, None], (len(q), 1, 6)))
+        return around(room)
 
 
-def weights(rows: np.ndarray) -> Weights:
-    """Return no row but two sets of two, of which the second needs what the rows (B, 1, 6) do."""
-    sets = [[2.0 * rows, 0.1 * rows], [0.1 * rows, rows]]
-    return np.zeros_like(rows), np.stack([np.concatenate(rows, axis=1) for rows in sets], axis=1)
+def around(room: np.ndarray) -> Room:
+    """Return what a room (B,) allows by the straight way and what a path leaves it by."""
+
+    def share(stretches: Stretches) -> np.ndarray:
+        straight = np.sum(np.abs(stretches.change), axis=2)
+        assert np.all(straight <= np.sum(stretches.travel, axis=2) + 1e-9)
+        used = REACH * (straight + np.sum(stretches.bend, axis=2))
+        return room[:, None] / np.maximum(used, 1e-9)
+
+    return share
 
 
 def walks(count: int):
@@ -93,19 +104,16 @@ def test_paths_looked_at_together_have_the_verdicts_they_have_alone():
     blocked_at: dict[int, int] = {}
     rounds = 0
 
-    def look(q: np.ndarray, which: np.ndarray) -> tuple[Weights, np.ndarray]:
+    def look(q: np.ndarray, which: np.ndarray) -> tuple[Room, np.ndarray]:
         nonlocal rounds
         rounds += 1
         assert all(blocked_at.get(path, rounds) == rounds for path in which.tolist())
-        rows, near = np.zeros((len(q), 1, 6)), np.zeros(len(q), dtype=bool)
+        room, near = np.zeros(len(q)), np.zeros(len(q), dtype=bool)
         for row, path in enumerate(which.tolist()):
-            found = fields[path].look(q[row : row + 1])
-            if found is None:
-                near[row] = True
+            room[row], near[row] = fields[path].at(q[row])
+            if near[row]:
                 blocked_at[path] = rounds  # and is not asked for again
-            else:
-                rows[row] = found[1][0, 1, 1]
-        return weights(rows), near
+        return around(room), near
 
     together = advance_each(paths, look)
     assert together.tolist() == alone
@@ -120,14 +128,12 @@ def test_of_a_choice_the_first_free_path_is_taken_and_later_ones_are_hardly_look
     alone = np.array([advance(q, field.look) for q, field in zip(paths, fields, strict=True)])
     looks = np.zeros(60, dtype=int)
 
-    def look(q: np.ndarray, which: np.ndarray) -> tuple[Weights, np.ndarray]:
-        rows, near = np.zeros((len(q), 1, 6)), np.zeros(len(q), dtype=bool)
+    def look(q: np.ndarray, which: np.ndarray) -> tuple[Room, np.ndarray]:
+        room, near = np.zeros(len(q)), np.zeros(len(q), dtype=bool)
         for row, path in enumerate(which.tolist()):
             looks[path] += 1
-            found = fields[path].look(q[row : row + 1])
-            near[row] = found is None
-            rows[row] = 0.0 if found is None else found[1][0, 1, 1]
-        return weights(rows), near
+            room[row], near[row] = fields[path].at(q[row])
+        return around(room), near
 
     found = advance_each(paths, look, choice)
     for number in range(4):

@@ -11,6 +11,7 @@ from conftest import standing_target
 
 import ik
 from kr210_sim import pairs
+from kr210_sim.advance import Stretches
 from kr210_sim.collision import MujocoOracle
 from kr210_sim.criteria import CLEARANCE_FREE
 from kr210_sim.legs import Question
@@ -294,7 +295,7 @@ def test_paths_asked_for_together_have_the_answers_they_have_one_by_one(oracle):
 
 
 @pytest.mark.parametrize("hand", [Hand.EMPTY, Hand.HOLDING])
-def test_no_travel_that_a_look_allows_comes_too_near(oracle, plan, hand):
+def test_no_travel_that_a_look_allows_comes_too_near(oracle, scene, plan, hand):
     """The bound itself, to its very end, from where planned legs lead and in random directions."""
     eyes, rng = oracle._eyes, np.random.default_rng(5)
     legs = [leg for motion in plan.motions for leg in motion if leg.hand is hand]
@@ -305,21 +306,28 @@ def test_no_travel_that_a_look_allows_comes_too_near(oracle, plan, hand):
     required = np.tile([-np.inf, pairs.SELF_CLEARANCE, 0.004], (len(q), 1))
     seen = eyes.see(q, hands, required)
     excess = seen.distance - required[0, seen.kind]
-    rows, sets = pairs.weights(seen, excess, required[:, pairs.FREE])
+    room = pairs.room(seen, excess, required[:, pairs.FREE])
     least = np.full(len(q), pairs.NEAR)
     np.minimum.at(least, seen.row, excess)
     free = least > 1e-3
     assert np.sum(free) > 20
     used_up = 0.0
-    for _ in range(20):
-        travel = rng.normal(size=q.shape) * (rng.uniform(size=q.shape) < 0.4)
-        spent = np.abs(travel)[:, None, :, None]
-        used = np.max(rows @ spent[:, 0], axis=(1, 2))
-        used = np.maximum(used, np.min(np.max(sets @ spent, axis=(2, 3)), axis=1))
-        moved = (q + travel / np.maximum(used, 1.0)[:, None])[free]
-        after = eyes.see(moved, hands[free], np.full((len(moved), 3), 1.0))
-        counts = (after.kind == pairs.FREE) & (after.pair < len(pairs._PAIRS))
-        assert np.min(after.distance[counts] - 0.004) > -1e-6
+    # At random, and along straight lines of the TCP, on which what joints do adds up to little.
+    twists = np.concatenate([rng.normal(size=(20, 3)), np.zeros((20, 3))], axis=1)
+    straight = np.linalg.solve(
+        ik.jacobian(scene.robot.geometry, q),
+        np.broadcast_to(twists[:, None, :, None], (20, len(q), 6, 1)),
+    )[..., 0]
+    for index in range(40):
+        sparse = rng.normal(size=q.shape) * (rng.uniform(size=q.shape) < 0.4)
+        travel = sparse if index < 20 else straight[index - 20]
+        change = travel[:, None]
+        share = room(Stretches(change=change, travel=np.abs(change), bend=np.zeros_like(change)))
+        for part in (0.3, 0.7, 1.0):
+            moved = (q + part * travel * np.minimum(share, 1.0))[free]
+            after = eyes.see(moved, hands[free], np.full((len(moved), 3), 1.0))
+            counts = (after.kind == pairs.FREE) & (after.pair < len(pairs._PAIRS))
+            assert np.min(after.distance[counts] - 0.004) > -1e-6
         nearest = np.full(len(moved), pairs.NEAR)
         np.minimum.at(nearest, after.row[counts], after.distance[counts] - 0.004)
         used_up = max(used_up, float(np.max(1 - nearest / least[free])))
