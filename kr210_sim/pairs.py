@@ -150,7 +150,7 @@ class _HandRoom:
         g_j = n . (a_j x (p - o_j)). While joint j has travelled x_j, g_j has changed from what
         it was in the beginning by at most sum_(k >= j) x_k (r_k + s) by the motion of p in the
         frame of the axis, and by (r_j + s) sum_(k < j) x_k by the motion of the axis. Integrated
-        by parts that is at most Q = sum_j t_j (t_j (r_j + s) / 2 + sum_(k > j) t_k (r_k + s)) .
+        by parts that is at most Q = sum_j t_j (t_j (r_j + s) / 2 + sum_(k > j) t_k (r_k + s)).
         What g_j was makes sum_j g_j dq_j, at most max(0, its value at the end) along a straight
         line, and no more than sum_j b_j r_j beside it on a line that leaves the straight one by
         b_j. For all points p of a ball with middle c and radius e it is at least its value at c
