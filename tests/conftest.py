@@ -45,6 +45,15 @@ class Run:
     scores: list[CycleScore]
 
 
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Put the files that use the default run first: one process makes it, none has to wait for it.
+
+    Another process begins in the middle of the list and takes from its end.
+    """
+    using = {item.path for item in items if "default_run" in getattr(item, "fixturenames", ())}
+    items.sort(key=lambda item: item.path not in using)
+
+
 @pytest.fixture(scope="session", autouse=True)
 def _no_log_file() -> None:
     """Keep MuJoCo's warnings out of MUJOCO_LOG.TXT; tests ask `data.warning` instead."""

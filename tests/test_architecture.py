@@ -7,6 +7,7 @@ import importlib
 import json
 import subprocess
 import sys
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -32,10 +33,12 @@ WITHOUT_MUJOCO = (
 )  # fmt: skip
 
 
+@cache
 def text_of(name: str) -> str:
     return PACKAGE.joinpath(*name.split(".")).with_suffix(".py").read_text(encoding="utf-8")
 
 
+@cache
 def tree_of(name: str) -> ast.Module:
     return ast.parse(text_of(name))
 
@@ -44,6 +47,7 @@ def is_type_checking(node: ast.AST) -> bool:
     return isinstance(node, ast.If) and ast.unparse(node.test) == "TYPE_CHECKING"
 
 
+@cache
 def imports_of(tree: ast.AST) -> set[str]:
     """Return the full names of what a module imports when it runs, in functions too."""
     found: set[str] = set()
@@ -76,6 +80,7 @@ def ours(imported: set[str]) -> set[str]:
 NEEDS = {name: ours(imports_of(tree_of(name))) for name in NAMES}
 
 
+@cache
 def below(name: str) -> set[str]:
     """Return a module of ours and all of ours that it needs, directly or through others."""
     seen, waiting = set(), {name}

@@ -18,12 +18,9 @@ STEPS = 20
 class Bench:
     """A monitor over a world at rest, fed with measurements that a test makes up."""
 
-    def __init__(self, scene) -> None:
-        self.simulation = Simulation(scene)
-        target = standing_target(scene, 5)
-        self.simulation.add(target)
-        self.simulation.watch(target)
-        self.monitor = Monitor(self.simulation)
+    def __init__(self, world: Simulation) -> None:
+        self.simulation = world
+        self.monitor = Monitor(world)
         self.columns = self.simulation.columns
         rest = np.array(self.simulation.data.sensordata)
         rest[self.columns["target_velocity"]] = 0.0
@@ -59,9 +56,18 @@ class Bench:
         return [event.reason for event in self.monitor.events]
 
 
+@pytest.fixture(scope="module")
+def world(scene) -> Simulation:
+    """A target at rest, watched; nothing here moves it."""
+    simulation, target = Simulation(scene), standing_target(scene, 5)
+    simulation.add(target)
+    simulation.watch(target)
+    return simulation
+
+
 @pytest.fixture
-def bench(scene) -> Bench:
-    return Bench(scene)
+def bench(world) -> Bench:
+    return Bench(world)
 
 
 def test_a_world_at_rest_breaks_nothing(bench):
@@ -264,9 +270,8 @@ def test_forces_and_fingers_are_the_latest(bench):
 @pytest.mark.parametrize(("along", "ratio"), [(0.0, 0.0), (50.0, 0.2), (500.0, 2.0)])
 @pytest.mark.parametrize("turn", [0.0, 0.7, np.pi / 2])
 def test_friction_is_the_force_along_the_jaws_whichever_way_the_hand_is_turned(
-    scene, along, ratio, turn
+    bench, scene, along, ratio, turn
 ):
-    bench = Bench(scene)
     rows = bench.held(0.02)
     rows[:, bench.columns["tcp_quat_wxyz"]] = [np.cos(turn / 2), np.sin(turn / 2), 0.0, 0.0]
     across, tangent = np.array([0.0, np.cos(turn), np.sin(turn)]), np.array([1.0, 0.0, 0.0])
