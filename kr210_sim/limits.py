@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -39,10 +38,10 @@ class MotionLimits:
 
     @cached_property
     def orders(self) -> Array:
-        """The three limits (3, 6), one below the other."""
-        return np.stack([self.velocity, self.acceleration, self.jerk])
+        """The three limits (3, 6, 1), one below the other."""
+        return np.array([self.velocity, self.acceleration, self.jerk])[:, :, None]
 
-    @property
+    @cached_property
     def step(self) -> float:
         """Spacing of samples of a motion [s], the same points of its path at any speed."""
         return _STEP * float(np.min(self.velocity / self.acceleration))
@@ -63,30 +62,27 @@ class MotionLimits:
         )
 
 
-def shift(path: Path, law: TimeLaw, t: Array) -> Array:
-    """Return q - q(0) (N, 6) [rad] of one motion at times t (N,) [s]."""
-    s = law.position(t)
-    if path.direction is not None:
-        return np.asarray(s[:, None] * path.direction)
-    return np.asarray(path(s) - path.start)
-
-
-def rates(path: Path, law: TimeLaw, t: Array) -> Array:
-    """Return the first three derivatives (3, N, 6) of q of one motion at times t (N,) [s].
+def states(path: Path, law: TimeLaw, t: Array) -> Array:
+    """Return q - q(0) and its first three derivatives (4, 6, N) of one motion at times t (N,) [s].
 
     The chain rule for q(s(t)), with q1, q2, q3 the derivatives along the path and ds, dds, ddds
     those of the time law; after its end a motion stays where it is.
     """
-    s, ds, dds, ddds = law(t)
-    ddds = np.where(t < law.duration, ddds, 0.0)
+    along = law(t)
+    along[3, t >= law.duration] = 0.0
     if path.direction is not None:
-        return np.stack([ds, dds, ddds])[:, :, None] * path.direction
-    q1, q2, q3 = path.derivatives(s)
-    ds, dds, ddds = ds[:, None], dds[:, None], ddds[:, None]
+        return np.asarray(along[:, None] * path.direction[:, None])
+    s, ds, dds, ddds = along
+    found = path.derivatives(s)
+    q, q1, q2, q3 = found
     squared = ds * ds
-    return np.array(
-        [q1 * ds, q1 * dds + q2 * squared, q1 * ddds + q2 * (3 * ds * dds) + q3 * (squared * ds)]
-    )
+    q -= path.start[:, None]
+    q3 *= squared * ds
+    q3 += q1 * ddds + q2 * (3 * ds * dds)
+    q2 *= squared
+    q2 += q1 * dds
+    q1 *= ds
+    return found
 
 
 def around(times: Array) -> Array:
@@ -94,15 +90,9 @@ def around(times: Array) -> Array:
     return np.concatenate([times - _INSTANT, times + _INSTANT])
 
 
-def usages(derivatives: Sequence[Array] | Array, limits: MotionLimits) -> Array:
-    """Return the largest |qd|/v, |qdd|/a and |qddd|/j (3, N) of three derivatives (N, 6) of q."""
-    return np.asarray(np.max(np.abs(derivatives) / limits.orders[:, None], axis=2))
-
-
-def usage(derivatives: Sequence[Array] | Array, limits: MotionLimits) -> tuple[float, float, float]:
-    """Return the largest |qd|/v, |qdd|/a and |qddd|/j of three derivatives (N, 6) of q."""
-    v, a, j = np.max(usages(derivatives, limits), axis=1, initial=0.0).tolist()
-    return v, a, j
+def usages(derivatives: Array, limits: MotionLimits) -> Array:
+    """Return the largest |qd|/v, |qdd|/a and |qddd|/j (3, N) of derivatives (3, 6, N) of q."""
+    return np.asarray(np.max(np.abs(derivatives) / limits.orders, axis=1))
 
 
 def about_peaks(t: Array, values: Array) -> Array:
@@ -112,10 +102,10 @@ def about_peaks(t: Array, values: Array) -> Array:
         t: (N,) even times.
         values: (K, N) of the functions there.
     """
-    beyond = np.full((len(values), 1), -np.inf)
-    before = np.concatenate([beyond, values[:, :-1]], axis=1)
-    after = np.concatenate([values[:, 1:], beyond], axis=1)
-    peak = (values >= before) & (values >= after) & (values > _PEAK * np.max(values))
-    peak &= 2 * values - before - after > _FLAT
-    about = (t[np.any(peak, axis=0), None] + (t[1] - t[0]) * _ASIDE).ravel()
+    framed = np.full((len(values), len(t) + 2), -np.inf)
+    framed[:, 1:-1] = values
+    row, column = np.nonzero(values > _PEAK * np.max(values))
+    before, value, after = (framed[row, column + k] for k in range(3))
+    peak = (value >= before) & (value >= after) & (2 * value - before - after > _FLAT)
+    about = (t[column[peak], None] + (t[1] - t[0]) * _ASIDE).ravel()
     return np.asarray(about[(about > t[0]) & (about < t[-1])])

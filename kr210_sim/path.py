@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from functools import cached_property
+from functools import cache, cached_property
+from math import factorial, perm
 from typing import Protocol
 
 import numpy as np
@@ -16,16 +17,20 @@ _DEGREE = 5
 _NORM = 8.0
 """Exponent of the smooth maximum over joints that defines the arc length."""
 
+_ORDERS = 4
+"""A path is known with its first three derivatives."""
+
 _KNOTS = 60  # pieces between the samples that the reparametrised spline passes through, at least
 _FINE = 6  # steps of the arc-length integral in each of them
 _NOWHERE = 1e-12  # length up to which a path goes nowhere [s]
+_TURNED = np.array([1.0, -1.0, 1.0, -1.0])[:, None, None]  # of q and its derivatives, on a way back
 
 
 class _Curve(Protocol):
-    """q(s) and its derivatives, as scipy's splines."""
+    """q(s) and its derivatives."""
 
-    def __call__(self, s: Array, order: int = 0) -> Array:
-        """Return q or its derivative of that order (N, 6) at s (N,)."""
+    def __call__(self, s: Array, orders: slice) -> Array:
+        """Return some of q and its first three derivatives (K, 6, N) at s (N,)."""
         ...
 
 
@@ -33,13 +38,41 @@ class _Line:
     """A straight line through joint space."""
 
     def __init__(self, start: Array, direction: Array) -> None:
-        self._start, self._direction = start, direction
+        self._rows = np.zeros((_ORDERS, 6))
+        self._rows[0], self._rows[1] = start, direction
 
-    def __call__(self, s: Array, order: int = 0) -> Array:
-        if order == 0:
-            return np.asarray(self._start + np.asarray(s)[:, None] * self._direction)
-        slope = self._direction if order == 1 else np.zeros_like(self._direction)
-        return np.tile(slope, (len(s), 1))
+    def __call__(self, s: Array, orders: slice) -> Array:
+        q = np.repeat(self._rows[:, :, None], len(s), axis=2)
+        q[0] += self._rows[1, :, None] * s
+        return q[orders]
+
+
+class _Spline:
+    """A quintic spline through values q (M, 6) at increasing s (M,), as a table of its pieces.
+
+    The table (power, order, 6, piece) holds what multiplies the powers of the distance from where
+    a piece begins, for q and its derivatives side by side: one look-up and one Horner scheme serve
+    all of them.
+    """
+
+    def __init__(self, s: Array, q: Array) -> None:
+        spline = make_interp_spline(s, q, k=_DEGREE)
+        knots = spline.t[_DEGREE:-_DEGREE]
+        self._begins, self._inner = knots[:-1], knots[1:-1]
+        terms = [spline(self._begins, power).T / factorial(power) for power in range(_DEGREE + 1)]
+        self._table = np.zeros((_DEGREE + 1, _ORDERS, 6, len(self._begins)))
+        for order in range(_ORDERS):
+            for power in range(_DEGREE + 1 - order):
+                self._table[power, order] = perm(power + order, order) * terms[power + order]
+
+    def __call__(self, s: Array, orders: slice) -> Array:
+        piece = self._inner.searchsorted(s, side="right")
+        along = s - self._begins[piece]
+        *lower, q = self._table[:, orders].take(piece, axis=3)
+        for term in reversed(lower):
+            q *= along
+            q += term
+        return np.asarray(q)
 
 
 class _Backwards:
@@ -48,8 +81,8 @@ class _Backwards:
     def __init__(self, curve: _Curve, length: float) -> None:
         self._curve, self._length = curve, length
 
-    def __call__(self, s: Array, order: int = 0) -> Array:
-        return (-1.0) ** order * self._curve(self._length - np.asarray(s), order)
+    def __call__(self, s: Array, orders: slice) -> Array:
+        return np.asarray(self._curve(self._length - s, orders) * _TURNED[orders])
 
 
 class Path:
@@ -86,16 +119,16 @@ class Path:
             q: (N, 6) samples [rad], N >= 6, spaced about evenly along the curve.
             velocity: (6,) velocity limits [rad/s], the weights of the arc length.
         """
-        curve = make_interp_spline(np.linspace(0.0, 1.0, len(q)), q, k=_DEGREE)
-        knots = max(_KNOTS, len(q))
-        u = np.linspace(0.0, 1.0, knots * _FINE + 1)
-        rate = np.sum(np.abs(curve(u, 1) / velocity) ** _NORM, axis=1) ** (1 / _NORM)
-        s = np.concatenate([[0.0], np.cumsum((rate[1:] + rate[:-1]) / (2 * (len(u) - 1)))])
+        count = max(_KNOTS, len(q)) * _FINE
+        values, slopes = _sampling(len(q), count)
+        u_step = 1.0 / count
+        rate = np.sum(np.abs(slopes @ q / velocity) ** _NORM, axis=1) ** (1 / _NORM)
+        s = np.concatenate([[0.0], np.cumsum((rate[1:] + rate[:-1]) * (u_step / 2))])
         length = float(s[-1])
         if length <= _NOWHERE:
-            return cls(curve, 0.0)
+            return cls(_Line(q[0], np.zeros(6)), 0.0)
         # Both q(u) and s(u) are smooth, and s increases: so is q(s), through its values there.
-        return cls(make_interp_spline(s[::_FINE], curve(u[::_FINE]), k=_DEGREE), length)
+        return cls(_Spline(s[::_FINE], values @ q), length)
 
     def reversed(self) -> Path:
         """Return the way back."""
@@ -106,11 +139,11 @@ class Path:
 
     def __call__(self, s: Array, order: int = 0) -> Array:
         """Return the derivative of that order (0 to 3) of q with respect to s: (N,) -> (N, 6)."""
-        return np.asarray(self._curve(s, order))
+        return np.ascontiguousarray(self._curve(np.asarray(s), slice(order, order + 1))[0].T)
 
     def derivatives(self, s: Array) -> Array:
-        """Return the first three derivatives of q with respect to s: (N,) -> (3, N, 6)."""
-        return np.array([self._curve(s, order) for order in (1, 2, 3)])
+        """Return q and its first three derivatives with respect to s: (N,) -> (4, 6, N)."""
+        return self._curve(s, slice(None))
 
     @cached_property
     def start(self) -> Array:
@@ -133,3 +166,22 @@ class Path:
             if widest <= step:
                 return q
             count = int(np.ceil(count * widest / step)) + 1
+
+
+@cache
+def _sampling(samples: int, count: int) -> tuple[Array, Array]:
+    """Return what makes values and slopes of the spline through samples, evenly along it.
+
+    The spline through samples (N, d) at even u in [0, 1] is linear in them.
+
+    Args:
+        samples: how many they are, N.
+        count: pieces of equal length.
+
+    Returns:
+        (count / _FINE + 1, N) for the values between groups of _FINE pieces, and (count + 1, N)
+        for the slopes dq/du at all ends of pieces.
+    """
+    spline = make_interp_spline(np.linspace(0.0, 1.0, samples), np.eye(samples), k=_DEGREE)
+    u = np.linspace(0.0, 1.0, count + 1)
+    return np.asarray(spline(u[::_FINE])), np.asarray(spline(u, 1))

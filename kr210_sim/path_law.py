@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from kr210_sim.arrays import Array
-from kr210_sim.limits import MotionLimits, about_peaks, around, rates, usages
+from kr210_sim.limits import MotionLimits, about_peaks, around, states, usages
 from kr210_sim.path import Path
 from kr210_sim.time_law import TimeLaw
 
@@ -43,29 +43,28 @@ def _plain_law(path: Path, limits: MotionLimits) -> TimeLaw:
     if path.length == 0.0 or path.direction is None:
         return TimeLaw(0.0, 1.0, 1.0, 1.0)
     first = np.maximum(np.abs(path.direction), _NONE)
-    v, a, j = np.min(limits.orders / first, axis=1).tolist()
+    v, a, j = np.min(limits.orders[:, :, 0] / first, axis=1).tolist()
     return TimeLaw(path.length, v * _MARGIN, a * _MARGIN**2, j * _MARGIN**3)
 
 
 def _curved_laws(paths: Sequence[Path], limits: MotionLimits) -> list[TimeLaw]:
     """Return the quickest laws along P paths that bend, compared together."""
     length = np.array([path.length for path in paths])
-    derivatives = np.stack(
-        [path.derivatives(np.linspace(0.0, path.length, _GRID)) for path in paths], axis=1
-    )
-    # Axes: path, speed, share of the acceleration, point of the path, joint.
-    first, second, third = np.abs(derivatives)[:, :, None, None]
-    first = np.maximum(first, _NONE)
-    fastest, quickest, sharpest = (
-        np.min(limit / first, axis=(3, 4), keepdims=True) for limit in limits.orders
-    )
-    v = fastest * _SPEEDS[:, None, None, None]
-    most = (limits.acceleration - second * v**2) / first
-    a = np.maximum(np.min(most, axis=(3, 4), keepdims=True), _LEAST * quickest)
-    a = _JERK_SHARES[:, None, None] * a
-    rest = (limits.jerk - third * v**3 - 3 * second * v * a) / first
-    j = np.maximum(np.min(rest, axis=(3, 4), keepdims=True), _LEAST * sharpest)
-    shapes = np.stack(np.broadcast_arrays(v, a, j)).reshape(3, len(paths), -1)
+    points = [path.derivatives(np.linspace(0.0, path.length, _GRID))[1:] for path in paths]
+    derivatives = np.array(points)  # path, order, joint, point
+    # Axes: path, choice of speed, share of the acceleration, joint and point of the path.
+    first, second, third = np.abs(derivatives).reshape(len(paths), 3, 1, 1, -1).swapaxes(0, 1)
+    first = 1 / np.maximum(first, _NONE)
+    full = [np.repeat(limit, _GRID) * first for limit in limits.orders]
+    second *= first
+    third *= first
+    fastest, quickest, sharpest = (np.min(x, axis=3, keepdims=True) for x in full)
+    v = fastest * _SPEEDS[:, None, None]
+    a = np.min(full[1] - second * v**2, axis=3, keepdims=True)
+    a = _JERK_SHARES[:, None] * np.maximum(a, _LEAST * quickest)
+    rest = (full[2] - third * v**3) - second * (3 * v * a)
+    j = np.maximum(np.min(rest, axis=3, keepdims=True), _LEAST * sharpest)
+    shapes = np.array(np.broadcast_arrays(v, a, j)).reshape(3, len(paths), -1)
     best = np.argmin(_durations(length, shapes, derivatives, limits), axis=1)
     chosen = shapes[:, np.arange(len(paths)), best].T.tolist()
     return [_fitted(path, (v, a, j), limits) for path, (v, a, j) in zip(paths, chosen, strict=True)]
@@ -77,37 +76,31 @@ def _durations(length: Array, shapes: Array, derivatives: Array, limits: MotionL
     Args:
         length: (P,) of the paths [s].
         shapes: (3, P, n) path limits V, A and J.
-        derivatives: (3, P, N, 6) of the paths, evenly along each.
+        derivatives: (P, 3, 6, N) of the paths, evenly along each.
         limits: of the joints.
 
     Returns:
         (P, n) [s].
     """
-    count, points = shapes.shape[2], derivatives.shape[2]
+    count, points = shapes.shape[2], derivatives.shape[3]
     length, owner = (np.repeat(x, count) for x in (length, np.arange(len(length))))
     v, a, j = shapes.reshape(3, -1)
     phases = _phases(length, v, a, j)
-    duration = np.sum(phases, axis=1)
     s, ds, dds, ddds = _states(phases, j)
-    at = np.clip(s / length[:, None], 0.0, 1.0) * (points - 1)
+    at = np.minimum(np.maximum(s / length[:, None], 0.0), 1.0) * (points - 1)
     index = np.minimum(at.astype(np.int64), points - 2)
-    share = (at - index)[..., None]
+    share = at - index
     index += points * owner[:, None]
-    rows = derivatives.reshape(3, -1, 6)
-    q1, q2, q3 = (1 - share) * rows[:, index] + share * rows[:, index + 1]
-    ds, dds, ddds = ds[..., None], dds[..., None], ddds[..., None]
-    stretch = np.zeros(len(duration))
-    for order, (x, bound) in enumerate(
-        (
-            (q1 * ds, limits.velocity),
-            (q1 * dds + q2 * ds**2, limits.acceleration),
-            (q1 * ddds + 3 * q2 * ds * dds + q3 * ds**3, limits.jerk),
-        ),
-        start=1,
-    ):
-        used = np.max(np.abs(x) / bound, axis=(1, 2))
-        stretch = np.maximum(stretch, used ** (1 / order))
-    return np.asarray(duration * stretch).reshape(-1, count)
+    rows = derivatives.transpose(1, 2, 0, 3).reshape(3, 6, -1)
+    slopes = np.diff(rows, append=0.0)
+    q1, q2, q3 = rows.take(index, axis=2) + share * slopes.take(index, axis=2)
+    squared = ds * ds
+    used = np.array(
+        [q1 * ds, q1 * dds + q2 * squared, q1 * ddds + q2 * (3 * ds * dds) + q3 * (squared * ds)]
+    )
+    used = np.max(np.abs(used, out=used), axis=3) / limits.orders
+    stretch = np.max(np.max(used, axis=1) ** _ROOTS, axis=0)
+    return np.asarray(np.sum(phases, axis=1) * stretch).reshape(-1, count)
 
 
 def _phases(length: Array, v: Array, a: Array, j: Array) -> Array:
@@ -155,10 +148,10 @@ def _fitted(path: Path, shape: tuple[float, float, float], limits: MotionLimits)
     t = np.linspace(0.0, law.duration, count)
     stretch = _stretches(path, law, t, limits)
     closer = np.concatenate([around(law.changes), about_peaks(t, stretch)])
-    most = max(np.max(stretch), np.max(_stretches(path, law, closer, limits))) / _MARGIN
-    return TimeLaw(path.length, v / most, a / most**2, j / most**3)
+    most = max(np.max(stretch), np.max(_stretches(path, law, closer, limits)))
+    return law.slowed(_MARGIN / float(most))
 
 
 def _stretches(path: Path, law: TimeLaw, t: Array, limits: MotionLimits) -> Array:
     """Return how much slower a law must be for the limits of each order (3, N) at times t (N,)."""
-    return np.asarray(usages(rates(path, law, t), limits) ** _ROOTS)
+    return np.asarray(usages(states(path, law, t)[1:], limits) ** _ROOTS)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import copy
 
 import numpy as np
-from numpy.typing import NDArray
 from ruckig import InputParameter, Result, Ruckig, RuckigError
 from ruckig import Trajectory as RuckigTrajectory
 
@@ -36,37 +35,31 @@ class TimeLaw:
         profile = law.profiles[0][0]
         self.duration = float(law.duration)
         self.changes = np.concatenate([[0.0], np.cumsum(profile.t)])
-        self._starts = self.changes[:-1]
-        self._p, self._v, self._a = (np.array(x[:7]) for x in (profile.p, profile.v, profile.a))
-        self._j = np.array(profile.j)
+        self._states = np.array([profile.p[:7], profile.v[:7], profile.a[:7], profile.j])
 
     def slowed(self, share: float) -> TimeLaw:
         """Return the same law in 1 / share of the time."""
         law = copy.copy(self)
         law.duration, law.changes = self.duration / share, self.changes / share
-        law._starts, law._v = law.changes[:-1], self._v * share
-        law._a, law._j = self._a * share**2, self._j * share**3
+        law._states = self._states * np.array([[1.0], [share], [share**2], [share**3]])
         return law
 
-    def __call__(self, t: Array) -> tuple[Array, Array, Array, Array]:
-        """Return position, velocity, acceleration and jerk, each (N,), at times t (N,) [s]."""
-        phase, dt = self._phase(t)
-        p, v, a, j = (x[phase] for x in (self._p, self._v, self._a, self._j))
-        return (
-            p + dt * (v + dt * (a / 2 + dt * j / 6)),
-            v + dt * (a + dt * j / 2),
-            a + dt * j,
-            j,
-        )
+    def __call__(self, t: Array) -> Array:
+        """Return position, velocity, acceleration and jerk (4, N) at times t (N,) [s]."""
+        state, dt = self._since(t)
+        p, v, a, j = state
+        p += dt * (v + dt * (a / 2 + dt * j / 6))
+        v += dt * (a + dt * j / 2)
+        a += dt * j
+        return state
 
     def position(self, t: Array) -> Array:
         """Return the position (N,) alone."""
-        phase, dt = self._phase(t)
-        p, v, a, j = (x[phase] for x in (self._p, self._v, self._a, self._j))
+        (p, v, a, j), dt = self._since(t)
         return np.asarray(p + dt * (v + dt * (a / 2 + dt * j / 6)))
 
-    def _phase(self, t: Array) -> tuple[NDArray[np.int64], Array]:
-        """Return the phase (N,) of each time, and how long it has lasted (N,) [s]."""
-        t = np.clip(t, 0.0, self.duration)
-        phase = np.searchsorted(self._starts, t, side="right") - 1
-        return phase, t - self._starts[phase]
+    def _since(self, t: Array) -> tuple[Array, Array]:
+        """Return the last state (4, N) at which the jerk jumped, and how long ago (N,) [s]."""
+        t = np.minimum(np.maximum(t, 0.0), self.duration)
+        phase = self.changes[1:-1].searchsorted(t, side="right")
+        return self._states.take(phase, axis=1), t - self.changes[phase]

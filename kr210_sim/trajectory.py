@@ -6,15 +6,17 @@ from collections.abc import Callable, Iterator, Sequence
 from typing import TypeAlias
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 
 from kr210_sim.arrays import Array
-from kr210_sim.limits import MotionLimits, about_peaks, around, rates, shift, usage, usages
+from kr210_sim.limits import MotionLimits, about_peaks, around, states, usages
 from kr210_sim.path import Path
 from kr210_sim.path_law import quickest_laws
 from kr210_sim.time_law import TimeLaw
 
 _CHECK_RATE = 1000.0  # [Hz]
-_GLANCES = 16  # instants at which all overlaps are compared with the limits at once
+_GLANCES = 16  # instants at which overlaps are compared with the limits at first
+_BLOCK = 32  # overlaps that are compared together
 _SHARE = 0.75  # of a motion, at most, that overlaps the one before it
 _SHRINK = 0.8  # of an overlap that is not clear
 
@@ -85,15 +87,19 @@ class Trajectory:
 
     def derivatives(self, t: Array) -> tuple[Array, Array, Array, Array]:
         """Return q and its first three derivatives, each (N, 6), at times t (N,) [s]."""
+        q, qd, qdd, qddd = np.ascontiguousarray(self._states(t).transpose(0, 2, 1))
+        return q, qd, qdd, qddd
+
+    def _states(self, t: Array) -> Array:
+        """Return q and its first three derivatives (4, 6, N) at times t (N,) [s]."""
         t = np.asarray(t, dtype=float)
-        total = np.zeros((4, len(t), 6))
-        total[0] = self.paths[0].start
+        total = np.zeros((4, 6, len(t)))
+        total[0] = self.paths[0].start[:, None]
         for path, law, start in zip(self.paths, self._laws, self.starts, strict=True):
             begun = t > start
             if np.any(begun):
-                total[0, begun] += shift(path, law, t[begun] - start)
-                total[1:, begun] += rates(path, law, t[begun] - start)
-        return total[0], total[1], total[2], total[3]
+                total[:, :, begun] += states(path, law, t[begun] - start)
+        return total
 
     def usage(self, limits: MotionLimits) -> tuple[float, float, float]:
         """Return the largest |qd|/v, |qdd|/a and |qddd|/j; 1 is at the limit.
@@ -102,7 +108,8 @@ class Trajectory:
         """
         t = np.linspace(0.0, self.duration, int(np.ceil(self.duration * _CHECK_RATE)) + 1)
         t = np.concatenate([t, self.jumps()])
-        return usage(self.derivatives(t)[1:], limits)
+        v, a, j = np.max(usages(self._states(t)[1:], limits), axis=1, initial=0.0).tolist()
+        return v, a, j
 
     def jumps(self) -> Array:
         """Return times (N,) on both sides of every instant at which a jerk jumps [s]."""
@@ -198,20 +205,20 @@ class _Corner:
         limits: MotionLimits,
     ) -> None:
         self._paths, self._laws, self._limits = paths, laws, limits
-        grid = limits.step * np.arange(most + 1)
-        self._first = rates(paths[0], laws[0], laws[0].duration - grid[::-1])
-        self._second = rates(paths[1], laws[1], grid)
-        self._hopeful = iter(_hopeful(self._first, self._second, limits))
+        steps = limits.step * np.arange(most + 1)
+        first = states(paths[0], laws[0], laws[0].duration - steps[::-1])
+        second = states(paths[1], laws[1], steps)
+        self._shifts = first[0], second[0]
+        self._used = first[1:] / limits.orders, second[1:] / limits.orders
+        self._hopeful = _hopeful(*self._used)
         self.overlap = 0
         self.narrow(most)
 
     @property
     def rounded(self) -> Array:
         """The configurations (N, 6) while they overlap, step by step [rad]."""
-        (first, second), (before, after) = self._paths, self._laws
-        t = self._limits.step * np.arange(self.overlap + 1)
-        there = shift(first, before, before.duration - t[::-1])
-        return np.asarray(first.start + (there + shift(second, after, t)))
+        there = _meeting(*self._shifts, self.overlap)
+        return np.asarray(self._paths[0].start + there.T)
 
     def narrow(self, most: int) -> None:
         """Go on to the next overlap that holds the limits and is not wider than `most` steps."""
@@ -223,9 +230,7 @@ class _Corner:
 
     def _holds(self) -> bool:
         """Tell whether the limits hold step by step, between the steps, and where a jerk jumps."""
-        end = self._first.shape[1] - 1 - self.overlap
-        total = self._first[:, end:] + self._second[:, : self.overlap + 1]
-        used = usages(total, self._limits)
+        used = np.max(np.abs(_meeting(*self._used, self.overlap)), axis=1)
         if np.max(used) > 1.0:
             return False
         before, after = self._laws
@@ -234,31 +239,34 @@ class _Corner:
         steps = start + self._limits.step * np.arange(used.shape[1])
         t = np.concatenate([jumps, about_peaks(steps, used)])
         t = t[(t > start) & (t < before.duration)]
-        total = rates(self._paths[0], before, t) + rates(self._paths[1], after, t - start)
-        return max(usage(total, self._limits)) <= 1.0
+        total = states(self._paths[0], before, t) + states(self._paths[1], after, t - start)
+        return bool(np.max(usages(total[1:], self._limits), initial=0.0) <= 1.0)
 
 
-def _hopeful(first: Array, second: Array, limits: MotionLimits) -> list[int]:
-    """Return the overlaps, longest first, that hold the limits at some instants at least.
+def _meeting(first: Array, second: Array, overlap: int) -> Array:
+    """Return the sum of the last steps of one motion and the first of the next, (..., steps)."""
+    return np.asarray(first[..., -1 - overlap :] + second[..., : overlap + 1])
+
+
+def _hopeful(first: Array, second: Array) -> Iterator[int]:
+    """Yield the overlaps, longest first, that hold the limits at some instants at least.
 
     Args:
-        first: (3, N, 6) derivatives of a motion in its last steps.
-        second: (3, N, 6) of the one after it, in its first steps.
-        limits: of the joints.
+        first: (3, 6, N) derivatives of a motion in its last steps, as shares of their limits.
+        second: (3, 6, N) of the one after it, in its first steps.
     """
-    bounds = limits.orders[:, None]
-    most = first.shape[1] - 1
-    # All derivatives of all joints one below the other (18, N).
-    first, second = (
-        np.ascontiguousarray(np.moveaxis(x / bounds, 1, 2)).reshape(-1, most + 1)
-        for x in (first, second)
-    )
+    most = first.shape[2] - 1
+    first, second = first.reshape(18, -1), second.reshape(18, -1)
     counts = np.max(np.abs(first), axis=1) + np.max(np.abs(second), axis=1) > 1.0
-    first, second = first[counts], second[counts]
-    used = np.zeros(most + 1)  # at overlaps of most, most - 1, ... steps
-    for index in range(0, most + 1, most // _GLANCES + 1):
-        # Step `index` of the second meets step `most - count + index` of the first.
-        meeting = np.abs(first[:, index:] + second[:, index : index + 1])
-        reached = used[: most - index + 1]
-        np.maximum(reached, np.max(meeting, axis=0, initial=0.0), out=reached)
-    return [most - int(less) for less in np.flatnonzero(used[:-1] <= 1.0)]
+    apart = most // _GLANCES + 1
+    second = second[counts, ::apart, None]
+    # Step i of the second meets step i + k of the first if they overlap in all but k steps; after
+    # its end a motion is at rest.
+    ended = np.zeros((len(second), (second.shape[1] - 1) * apart))
+    first = np.concatenate([first[counts], ended], axis=1)
+    meeting = sliding_window_view(first, most + 1, axis=1)[:, ::apart]
+    for less in range(0, most, _BLOCK):
+        total = meeting[:, :, less : less + _BLOCK] + second
+        used = np.max(np.abs(total, out=total), axis=(0, 1), initial=0.0)
+        for more in np.flatnonzero(used[: most - less] <= 1.0).tolist():
+            yield most - less - more
