@@ -24,7 +24,7 @@ from kr210_sim.legs import (
 from kr210_sim.record import STAGES
 from kr210_sim.robot import Robot
 from kr210_sim.task import PickPoses, PlacePoses
-from kr210_sim.tracks import Solver, Track, TrackFinder
+from kr210_sim.tracks import Solver, Track, TrackFinder, Tracks
 
 __all__ = [
     "CLEARANCE_CELL",
@@ -152,10 +152,10 @@ class CyclePlanner:
             CycleFailure: unreachable, joint_limits, no_path or bad_ik.
         """
         ends = (q_home if q_start is None else q_start, q_home)
-        pick_tracks: list[Track] = []
+        pick_tracks: Tracks | None = None
         for batch in self._batches([picks]):
             corners = [(pick.pre_grasp, pick.grasp, pick.lift, pick.withdraw) for pick in batch]
-            pick_tracks += self._finder.find(corners, anchor=1, q_start=ends[0])
+            pick_tracks = self._finder.find(corners, anchor=1, q_start=ends[0])
             if pick_tracks:
                 break
         if not pick_tracks:
@@ -193,19 +193,13 @@ class CyclePlanner:
     def _time(self, q_from: Array, q_to: Array) -> Array:
         return ik.joint_time(q_from, q_to, self._robot.velocity)
 
-    def _line_times(self, tracks: list[Track]) -> Array:
-        """Return the joint time (N,) of the lines of each track [s]."""
-        counts = [len(track.q) for track in tracks]
-        q = np.concatenate([track.q for track in tracks])
-        times = self._time(q[:-1], q[1:])
-        times[np.cumsum(counts)[:-1] - 1] = 0.0  # from one track to the next
-        return np.add.reduceat(np.append(times, 0.0), np.cumsum([0, *counts[:-1]]))
+    def _line_times(self, tracks: Tracks) -> Array:
+        """Return the joint time (M,) of the lines of each track [s]."""
+        return np.asarray(np.sum(self._time(tracks.q[:, :-1], tracks.q[:, 1:]), axis=1))
 
-    def _combine(self, ends: Ends, picks: list[Track], places: list[Track]) -> CyclePlan | Blocked:
+    def _combine(self, ends: Ends, picks: Tracks, places: Tracks) -> CyclePlan | Blocked:
         """Return the quickest free combination, or what blocked the one that got furthest."""
-        pick_first = np.array([track.q[0] for track in picks])
-        pick_last = np.array([track.q[-1] for track in picks])
-        place_first = np.array([track.q[0] for track in places])
+        pick_first, pick_last, place_first = picks.q[:, 0], picks.q[:, -1], places.q[:, 0]
         pick_lines, place_lines = self._line_times(picks), self._line_times(places)
         cost = (
             (self._time(ends[0], pick_first) + pick_lines)[:, None]

@@ -6,6 +6,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from kr210_sim.arrays import Array
 
@@ -153,6 +154,62 @@ def place_options(p_base_release: Array) -> Iterator[list[PlacePoses]]:
         yield options
 
 
+@dataclass(frozen=True, kw_only=True)
+class Polylines:
+    """Poses along K polylines of straight lines, each of one orientation.
+
+    Attributes:
+        poses: (P, 4, 4) of all of them, one polyline after the other.
+        knots: (K, C) index of each corner within the P.
+    """
+
+    poses: Array
+    knots: NDArray[np.int64]
+
+    def aligned(self, anchor: int) -> tuple[NDArray[np.int64], int]:
+        """Return indices (N, K) of the poses, side by side so that one of the corners is level.
+
+        Ends are repeated where a polyline is shorter than others.
+
+        Args:
+            anchor: the corner.
+
+        Returns:
+            The indices, and in which of the N rows that corner is.
+        """
+        level = self.knots[:, anchor]
+        before = int(np.max(level - self.knots[:, 0]))
+        after = int(np.max(self.knots[:, -1] - level))
+        rows = np.arange(-before, after + 1)[:, None] + level
+        return np.clip(rows, self.knots[:, 0], self.knots[:, -1]), before
+
+
+def polylines(corners: Array, step: float) -> Polylines:
+    """Return poses along polylines.
+
+    Args:
+        corners: (K, C, 4, 4), those of a polyline of the same orientation.
+        step: largest distance between neighbours [m]; a line has at least 8 poses.
+    """
+    p_start = corners[:, :-1, :3, 3]
+    way = corners[:, 1:, :3, 3] - p_start
+    distance = np.sqrt(np.vecdot(way, way))
+    steps = np.maximum(7, np.ceil(distance / step).astype(np.int64))  # (K, C - 1) of each line
+    apart = np.ones(corners.shape[:2], dtype=np.int64)  # from the corner before
+    apart[0, 0], apart[:, 1:] = 0, steps
+    knots = np.cumsum(apart).reshape(apart.shape)
+    # A corner belongs to the line that ends there, only the first to the line that begins there.
+    own = steps.copy()
+    own[:, 0] += 1
+    line_of = np.repeat(np.arange(steps.size), own.ravel())
+    number = np.arange(len(line_of)) - knots[:, :-1].ravel()[line_of]
+    size = steps.ravel()[line_of]
+    share = np.where(number == size, 1.0, number * (1.0 / size))
+    poses = np.repeat(corners[:, 0], np.sum(own, axis=1), axis=0)
+    poses[:, :3, 3] = p_start.reshape(-1, 3)[line_of] + share[:, None] * way.reshape(-1, 3)[line_of]
+    return Polylines(poses=poses, knots=knots)
+
+
 def line(T_start: Array, T_end: Array, step: float) -> Array:
     """Return poses (N, 4, 4) along a straight line of constant orientation.
 
@@ -161,11 +218,7 @@ def line(T_start: Array, T_end: Array, step: float) -> Array:
         T_end: (4, 4) last pose, of the same orientation.
         step: largest distance between neighbours [m]; N is at least 8.
     """
-    distance = float(np.linalg.norm(T_end[:3, 3] - T_start[:3, 3]))
-    count = max(8, int(np.ceil(distance / step)) + 1)
-    poses = np.repeat(T_start[None], count, axis=0)
-    poses[:, :3, 3] += np.linspace(0.0, 1.0, count)[:, None] * (T_end[:3, 3] - T_start[:3, 3])
-    return poses
+    return polylines(np.array([[T_start, T_end]]), step).poses
 
 
 def _frame(x: Array, z: Array, origin: Array) -> Array:

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
-from itertools import pairwise, product
+from dataclasses import dataclass, replace
+from itertools import combinations
 from typing import TypeAlias
 
 import numpy as np
@@ -15,7 +15,7 @@ import ik
 from kr210_sim.arrays import Array
 from kr210_sim.exceptions import CycleFailure
 from kr210_sim.robot import Robot
-from kr210_sim.task import line
+from kr210_sim.task import Polylines, polylines
 
 Solver: TypeAlias = Callable[[Array, Array], Array]
 """An IK that plugs in: f(T_base_palm (N, 4, 4), q_start (6,)) -> q (N, 6) [rad], NaN rows for no
@@ -50,6 +50,43 @@ class Track:
         return self.q[self.knots[number] : self.knots[number + 1] + 1]
 
 
+@dataclass(frozen=True, kw_only=True)
+class Tracks:
+    """Tracks along polylines of one number of corners.
+
+    Attributes:
+        lines: the K polylines, as poses T_base_palm.
+        index: (N, K) of their poses, side by side; ends are repeated.
+        of: (M,) which polyline each track is along.
+        q: (M, N, 6) the configurations at those poses [rad].
+    """
+
+    lines: Polylines
+    index: NDArray[np.int64]
+    of: NDArray[np.int64]
+    q: Array
+
+    def __len__(self) -> int:
+        """Return the number of tracks."""
+        return len(self.of)
+
+    def __getitem__(self, number: int) -> Track:
+        """Return one of the tracks."""
+        polyline = self.of[number]
+        knots = self.lines.knots[polyline]
+        first, last = int(knots[0]), int(knots[-1])
+        begin = int(np.searchsorted(self.index[:, polyline], first, side="right")) - 1
+        return Track(
+            T_base_palm=self.lines.poses[first : last + 1],
+            q=np.ascontiguousarray(self.q[number, begin : begin + last - first + 1]),
+            knots=tuple((knots - first).tolist()),
+        )
+
+    def __iter__(self) -> Iterator[Track]:
+        """Yield the tracks in order."""
+        return (self[number] for number in range(len(self)))
+
+
 class TrackFinder:
     """Finds tracks with the analytic IK, or with a solver that plugs in.
 
@@ -69,56 +106,40 @@ class TrackFinder:
         """Whether a solver is plugged in, so that options are better tried one by one."""
         return self._solver is not None
 
-    def find(
-        self, polylines: Sequence[tuple[Array, ...]], anchor: int, q_start: Array
-    ) -> list[Track]:
+    def find(self, corners: Sequence[tuple[Array, ...]], anchor: int, q_start: Array) -> Tracks:
         """Return the tracks along each of some polylines.
 
         Args:
-            polylines: TCP poses (4, 4) of their corners, each of one orientation.
+            corners: TCP poses (4, 4) of each polyline, all of one number, each of one orientation.
             anchor: the corner at which the analytic branches are counted.
             q_start: configuration (6,) from which a solver starts.
 
         Raises:
             CycleFailure: bad_ik, if a solver does not answer as agreed.
         """
-        alike: dict[tuple[int, ...], list[Array]] = {}  # those of one shape are solved together
-        for polyline in polylines:
-            parts = [line(a, b, LINE_STEP) for a, b in pairwise(polyline)]
-            joined = [parts[0]] + [part[1:] for part in parts[1:]]
-            knots = (0, *np.cumsum([len(part) - 1 for part in parts]).tolist())
-            alike.setdefault(knots, []).append(np.concatenate(joined))
-        groups = [self._robot.tcp_to_palm(np.stack(group)) for group in alike.values()]
-        tracks = []
-        for knots, T_base_palm, answers in zip(
-            alike, groups, self._solve(groups, q_start), strict=True
-        ):
-            if self._solver is None:
-                found = self._follow(answers, knots[anchor])
-            else:
-                found = ((k, q) for k, answer in enumerate(answers) for q in self._accept(answer))
-            tracks += [Track(T_base_palm=T_base_palm[k], q=q, knots=knots) for k, q in found]
-        return tracks
-
-    def _solve(self, groups: Sequence[Array], q_start: Array) -> list[Array]:
-        """Return what the IK answers to groups of polylines (K, N, 4, 4).
-
-        Of the analytic IK all branches (K, N, 8, 6), asked for all poses at once; of a solver one
-        configuration to each (K, N, 6).
-        """
-        counts = [len(group) * group.shape[1] for group in groups]
-        self.poses += sum(counts)
-        started = time.perf_counter()
-        if self._solver is None:
-            poses = np.concatenate([group.reshape(-1, 4, 4) for group in groups])
-            branches = np.split(ik.inverse(self._robot.geometry, poses).q, np.cumsum(counts)[:-1])
-            found = [
-                q.reshape(*group.shape[:2], 8, 6) for q, group in zip(branches, groups, strict=True)
-            ]
+        lines = polylines(np.array(corners), LINE_STEP)
+        lines = replace(lines, poses=self._robot.tcp_to_palm(lines.poses))
+        index, row = lines.aligned(anchor)
+        self.poses += len(lines.poses)
+        if self._solver is not None:
+            answers = self._asked(self._solver, lines, q_start)
+            of = np.array([k for k, q in enumerate(answers) if self._accepts(q)], dtype=np.int64)
+            q = np.concatenate(answers)[index[:, of]].swapaxes(0, 1)
         else:
-            found = [np.stack([ask(self._solver, T, q_start) for T in group]) for group in groups]
+            started = time.perf_counter()
+            branches = ik.inverse(self._robot.geometry, lines.poses).q
+            self.seconds += time.perf_counter() - started
+            joints = np.ascontiguousarray(branches.transpose(2, 0, 1))
+            of, q = self._follow(joints[:, index], row)
+        return Tracks(lines=lines, index=index, of=of, q=q)
+
+    def _asked(self, solver: Solver, lines: Polylines, q_start: Array) -> list[Array]:
+        """Return a solver's answers (n, 6) to each polyline [rad]."""
+        started = time.perf_counter()
+        parts = np.split(lines.poses, lines.knots[1:, 0])
+        answers = [ask(solver, T_base_palm, q_start) for T_base_palm in parts]
         self.seconds += time.perf_counter() - started
-        return found
+        return answers
 
     def forget(self) -> None:
         """Forget what the polylines tried so far failed for."""
@@ -134,57 +155,57 @@ class TrackFinder:
             return CycleFailure("joint_limits", detail, stage=stage)
         return CycleFailure("unreachable", f"no IK answer reaches {where}", stage=stage)
 
-    def _follow(self, branches: Array, anchor: int) -> Iterator[tuple[int, Array]]:
-        """Yield every continuous in-limit sequence (N, 6) through branches (K, N, 8, 6).
+    def _follow(self, branches: Array, anchor: int) -> tuple[NDArray[np.int64], Array]:
+        """Return every continuous in-limit sequence through branches (6, N, K, 8).
 
         From each branch at the anchor the nearest solution is taken step by step to both ends, so
         that a passage through the wrist singularity, where the wrist branches swap, stays smooth.
+
+        Returns:
+            (M,) in which of the K each is, and the sequences (M, N, 6), in order.
         """
-        reached = ~np.any(np.all(np.isnan(branches[..., 0]), axis=2), axis=1)
-        steps = np.moveaxis(branches[reached], 1, 0)  # (N, K, 8, 6)
-        back, there = _nearest(steps[anchor::-1]), _nearest(steps[anchor:])
-        sequences = np.concatenate([back[:0:-1], there])
-        if not sequences.size:
-            return
-        jump = np.max(np.abs(np.diff(sequences, axis=0)), axis=(0, 3))
+        reached = np.flatnonzero(np.all(np.any(~np.isnan(branches[0]), axis=2), axis=0))
+        sequences = _continued(branches[:, :, reached], anchor)
+        jump = np.max(np.abs(np.diff(sequences, axis=1)), axis=(0, 1), initial=0.0)
         smooth = jump <= BRANCH_JUMP  # NaN compares false
         if not np.all(np.any(smooth, axis=1)):
             self._problems.add("branch")
-        polyline = np.flatnonzero(reached)
-        where = np.nonzero(smooth)
-        index, q = self._turned(sequences[:, where[0], where[1]])
-        yield from zip(polyline[where[0][index]].tolist(), q, strict=True)
+        polyline, branch = np.nonzero(smooth)
+        index, q = self._turned(sequences[:, :, polyline, branch])
+        return reached[polyline[index]], q
 
     def _turned(self, sequences: Array) -> tuple[NDArray[np.int64], Array]:
-        """Return all copies of sequences (N, S, 6) by whole turns that are within the limits.
+        """Return all copies of sequences (6, N, S) by whole turns that are within the limits.
 
         Returns:
             (M,) which sequence each is a copy of, and the copies (M, N, 6), in order.
         """
-        low, high = np.min(sequences, axis=0), np.max(sequences, axis=0)
-        first = np.ceil((self._robot.lower - low) / _TURN - 1e-9).astype(int)
-        last = np.floor((self._robot.upper - high) / _TURN + 1e-9).astype(int)
+        low, high = np.min(sequences, axis=1), np.max(sequences, axis=1)  # (6, S)
+        first = np.ceil((self._robot.lower[:, None] - low) / _TURN - 1e-9).astype(int)
+        last = np.floor((self._robot.upper[:, None] - high) / _TURN + 1e-9).astype(int)
         if np.any(last < first):
             self._problems.add("limits")
-        found = [
-            (index, turns)
-            for index, (a, b) in enumerate(zip(first.tolist(), last.tolist(), strict=True))
-            for turns in product(*map(range, a, (end + 1 for end in b)))
-        ]
-        index = np.array([index for index, _ in found], dtype=np.int64)
-        turns = np.array([turns for _, turns in found], dtype=float).reshape(-1, 6)
-        return index, np.moveaxis(sequences, 0, 1)[index] + _TURN * turns[:, None]
+        choices = np.maximum(last - first + 1, 0)
+        copies = np.prod(choices, axis=0)
+        index = np.repeat(np.arange(len(copies)), copies)
+        number = np.arange(len(index)) - np.repeat(np.cumsum(copies) - copies, copies)
+        turns = first[:, index]
+        for joint in range(5, -1, -1):  # that of the last joint changes from copy to copy
+            number, more = np.divmod(number, choices[joint, index])
+            turns[joint] += more
+        return index, (sequences[:, :, index] + _TURN * turns[:, None]).T
 
-    def _accept(self, q: Array) -> Iterator[Array]:
-        """Yield a solver's answer (N, 6) if it is complete, continuous and within limits."""
+    def _accepts(self, q: Array) -> bool:
+        """Return whether a solver's answer (N, 6) is complete, continuous and within limits."""
         if np.any(np.isnan(q)):
-            return
+            return False
         if np.any(~ik.within_limits(q, self._robot.lower, self._robot.upper)):
             self._problems.add("limits")
-        elif np.max(np.abs(np.diff(q, axis=0))) > BRANCH_JUMP:
+            return False
+        if np.max(np.abs(np.diff(q, axis=0))) > BRANCH_JUMP:
             self._problems.add("branch")
-        else:
-            yield q
+            return False
+        return True
 
 
 def follow(robot: Robot, T_base_palm: Array, q_start: Array) -> Array:
@@ -201,7 +222,7 @@ def follow(robot: Robot, T_base_palm: Array, q_start: Array) -> Array:
     branches = ik.inverse(robot.geometry, T_base_palm).q
     if np.any(np.all(np.isnan(branches[..., 0]), axis=1)):
         raise CycleFailure("unreachable", "the straight line leads out of reach")
-    sequences = _nearest(branches[:, None])[:, 0]  # (N, 8, 6)
+    sequences = _continued(branches.transpose(2, 0, 1)[:, :, None], 0)[:, :, 0].transpose(1, 2, 0)
     turn = sequences[0] - q_start
     turns = _TURN * np.round(turn / _TURN)
     q = sequences - turns
@@ -216,29 +237,68 @@ def follow(robot: Robot, T_base_palm: Array, q_start: Array) -> Array:
     return np.asarray(q)
 
 
-def _nearest(steps: Array) -> Array:
-    """Return the sequences (N, K, 8, 6) that go on from each branch to the nearest one.
+def _continued(branches: Array, anchor: int) -> Array:
+    """Return the sequences that go on from each branch to the nearest one, both ways.
 
     Args:
-        steps: (N, K, 8, 6) the branches, NaN where there is none.
+        branches: (6, N, K, 8) along K lines, NaN where there is none.
+        anchor: at which of the N they begin.
+
+    Returns:
+        (6, N, K, 8), in the order of the branches at the anchor.
     """
-    joints = np.ascontiguousarray(np.moveaxis(steps, 3, 0))  # (6, N, K, 8)
-    turn = joints[:, 1:, :, None, :] - joints[:, :-1, :, :, None]
-    turn -= _TURN * np.round(turn / _TURN)
+    steps = branches.copy()  # but for the anchor, from its side
+    turn = _turn_off(branches[:, 1:] - branches[:, :-1])
+    steps[:, anchor + 1 :], steps[:, :anchor] = turn[:, anchor:], -turn[:, :anchor]
+    swap = np.flatnonzero(~_plain(branches, turn))
+    if len(swap):
+        steps[:, anchor + 1 :, swap] = _nearest(branches[:, anchor:, swap])
+        steps[:, :anchor, swap] = _nearest(branches[:, anchor::-1, swap])[:, ::-1]
+    for way in (steps[:, anchor:], steps[:, anchor::-1]):
+        np.cumsum(way, axis=1, out=way)
+    return steps
+
+
+def _turn_off(difference: Array) -> Array:
+    """Return angles [rad] less whole turns, in place."""
+    difference -= _TURN * np.round(difference / _TURN)
+    return difference
+
+
+def _plain(branches: Array, turn: Array) -> NDArray[np.bool_]:
+    """Return along which of K lines each branch is surely nearest to itself.
+
+    It is where a step is less than half of what the branches are apart. Those with the wrist
+    flipped are half a turn of joint 4 apart, and the four arms at least as far as joints 1 to 3.
+
+    Args:
+        branches: (6, N, K, 8), NaN where there is none.
+        turn: (6, N - 1, K, 8) their steps.
+    """
+    arms = [branches[:3, ..., branch] for branch in (0, 2, 4, 6)]
+    apart = _turn_off(np.array([one - other for one, other in combinations(arms, 2)]))
+    least = np.fmin.reduce(np.max(np.abs(apart), axis=1), axis=(0, 1), initial=np.pi)
+    most = np.fmax.reduce(np.abs(turn), axis=(0, 1, 3), initial=0.0)
+    missing = np.isnan(branches[0])
+    return np.asarray((most < least / 2 - 1e-9) & np.all(missing == missing[0], axis=(0, 2)))
+
+
+def _nearest(branches: Array) -> Array:
+    """Return the steps (6, N - 1, K, 8) from each branch to the nearest one, and on from there.
+
+    Args:
+        branches: (6, N, K, 8), NaN where there is none.
+    """
+    turn = _turn_off(branches[:, 1:, :, None, :] - branches[:, :-1, :, :, None])
     size = np.max(np.abs(turn), axis=0)
-    missing = np.isnan(size)
-    nearest = np.argmin(np.where(missing, np.inf, size), axis=3)  # (N - 1, K, 8)
-    turn = np.moveaxis(turn, 0, 4)
-    same = np.arange(steps.shape[2])
-    if np.all((nearest == same) | np.all(missing, axis=3)):  # mostly, away from singularities
-        return np.cumsum(np.concatenate([steps[:1], turn[:, :, same, same]]), axis=0)
-    polyline, branch = np.ogrid[: steps.shape[1], : steps.shape[2]]
-    found = [steps[0]]
-    for of_all, chosen in zip(turn, nearest, strict=True):
-        after = chosen[polyline, branch]
-        found.append(found[-1] + of_all[polyline, branch, after])
+    nearest = np.argmin(np.where(np.isnan(size), np.inf, size), axis=3)  # (N - 1, K, 8)
+    line, branch = np.ogrid[: branches.shape[2], :8]
+    steps = np.empty(turn.shape[:4])
+    for row, chosen in enumerate(nearest):
+        after = chosen[line, branch]
+        steps[:, row] = turn[:, row, line, branch, after]
         branch = after
-    return np.array(found)
+    return steps
 
 
 def ask(solver: Solver, T_base_palm: Array, q_start: Array) -> Array:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 
@@ -13,6 +15,7 @@ from kr210_sim.task import (
     line,
     pick_options,
     place_options,
+    polylines,
     release_point,
 )
 
@@ -162,3 +165,27 @@ def test_a_line_keeps_orientation_direction_and_spacing(distance):
     assert len(poses) >= 8
     assert np.all(np.linalg.norm(steps, axis=1) <= 0.01 + 1e-12)
     np.testing.assert_allclose(steps, np.repeat(steps[:1], len(steps), 0), atol=1e-12)
+
+
+# ---- polylines ------------------------------------------------------------------------------
+
+
+def test_polylines_have_the_poses_of_their_lines_and_are_aligned_at_a_corner():
+    corners = np.tile(np.eye(4), (3, 3, 1, 1))
+    corners[:, 1, 0, 3] = [0.1, 0.3, 0.2]  # in 5 steps, but 7 at least, 15 and 10
+    corners[:, 2, :2, 3] = [[0.1, 0.3], [0.3, 0.1], [0.2, 0.4]]
+    found = polylines(corners, 0.02)
+    np.testing.assert_array_equal(np.diff(found.knots), [[7, 15], [15, 7], [10, 20]])
+    index, row = found.aligned(1)
+    assert (*index.shape, row) == (15 + 20 + 1, 3, 15)
+    np.testing.assert_array_equal(index[row], found.knots[:, 1])
+    assert set(index.ravel().tolist()) == set(range(len(found.poses)))
+    for k, knots in enumerate(found.knots):
+        lines = [line(a, b, 0.02) for a, b in pairwise(corners[k])]
+        expected = np.concatenate([lines[0], lines[1][1:]])
+        np.testing.assert_array_equal(found.poses[knots[0] : knots[-1] + 1], expected)
+        steps = np.diff(index[:, k])
+        assert set(steps.tolist()) <= {0, 1}
+        repeated = np.flatnonzero(steps == 0)
+        inside = (index[repeated, k] > knots[0]) & (index[repeated, k] < knots[-1])
+        assert not np.any(inside)

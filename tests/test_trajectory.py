@@ -250,7 +250,7 @@ def test_a_random_line_of_the_tcp_is_straight_under_random_limits(robot, seed):
         ends = np.stack([middle, middle])
         ends[:, :3, 3] += np.outer([-0.1, 0.1], direction / np.linalg.norm(direction))
         tracks = TrackFinder(robot).find([tuple(ends)], anchor=0, q_start=np.zeros(6))
-    for track in tracks[:2]:
+    for track in list(tracks)[:2]:
         path = Path.through(track.q, robot.velocity)
         trajectory = time_path(path, random_limits(robot, rng))
         T = robot.forward(trajectory(np.linspace(0.0, trajectory.duration, 500))[0])
