@@ -6,6 +6,8 @@ import numpy as np
 
 from kr210_sim.arrays import Array
 
+_STILL = np.eye(4)
+
 
 class Chain:
     """Revolute joints one after the other, by the product of exponentials.
@@ -33,9 +35,9 @@ class Chain:
     def moved(self, q: Array) -> Array:
         """Return how base and links have moved (B, n + 1, 4, 4) at configurations (B, n)."""
         sine, versine = np.sin(q)[..., None, None], 1.0 - np.cos(q)[..., None, None]
-        turns = np.eye(4) + sine * self._sine + versine * self._versine
+        turns = _STILL + sine * self._sine + versine * self._versine
         moved = np.empty((len(q), self._count + 1, 4, 4))
-        moved[:, 0] = np.eye(4)
+        moved[:, 0] = _STILL
         for joint in range(self._count):
             np.matmul(moved[:, joint], turns[:, joint], out=moved[:, joint + 1])
         return moved

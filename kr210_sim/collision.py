@@ -77,7 +77,7 @@ class MujocoOracle:
             excess = seen.distance - asked[seen.row, seen.kind]
             near = np.zeros(len(q), dtype=bool)
             near[seen.row[excess < TOLERANCE]] = True
-            for row in np.flatnonzero(near):
+            for row in near.nonzero()[0]:
                 here = np.flatnonzero(seen.row == row)
                 nearest = here[np.argmin(excess[here])]
                 names = (self._eyes.name(int(geom)) for geom in seen.geoms[nearest])
@@ -87,11 +87,12 @@ class MujocoOracle:
 
         free = advance_each([question.q for question in questions], look, choice_of)
         found: list[int | str] = []
-        end = 0
+        passed, end = free.tolist(), 0
         for choice in choices:
             begin, end = end, end + len(choice)
-            passed = np.flatnonzero(free[begin:end])
-            found.append(int(passed[0]) if len(passed) else "".join(what[end - 1 : end]))
+            near = "".join(what[end - 1 : end])
+            is_any = any(passed[begin:end])
+            found.append(passed.index(True, begin) - begin if is_any else near)
         return found
 
     def least(self, q: Array, *, hand: Hand) -> float:

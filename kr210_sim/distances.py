@@ -49,7 +49,6 @@ class GeomPairs:
         names, own = np.unique(part[moving], return_inverse=True)
         parts = len(names)
         self._begin = np.searchsorted(own, np.arange(parts))
-        self._names = names - 1
         middle, half = model.geom_aabb[:, :3].copy(), model.geom_aabb[:, 3:].copy()
         plane = model.geom_type == mujoco.mjtGeom.mjGEOM_PLANE
         middle[plane], half[plane] = [0.0, 0.0, -_DEEP], _DEEP
@@ -61,7 +60,11 @@ class GeomPairs:
         frames = np.zeros((model.ngeom, 4, 5))
         frames[:, :3, :3], frames[:, :3, 3], frames[:, :3, 4] = rotation, center, data.geom_xpos
         frames[:, 3, 3:] = 1.0
-        self._frames = np.split(frames[moving].swapaxes(0, 1), self._begin[1:], axis=1)
+        of_parts = np.split(frames[moving].swapaxes(0, 1), self._begin[1:], axis=1)
+        self._frames = [
+            (number, of_part.reshape(4, -1))
+            for number, of_part in zip((names - 1).tolist(), of_parts, strict=True)
+        ]
         self._half = half[moving].T[:, None]
         self._index = np.zeros(model.ngeom, dtype=np.int64)
         self._index[moving] = np.arange(len(moving))
@@ -78,7 +81,7 @@ class GeomPairs:
         order = np.argsort(bundle, kind="stable")
         self._pairs, bundle = pairs[order].T, bundle[order]
         self.geoms = geoms[self._pairs.T]
-        self._far = far[*part[self.geoms.T]]
+        self._far_squared, self._farthest = far[*part[self.geoms.T]] ** 2, float(np.max(far))
         self._far_fixed, self._far_parts = far[names, 0], far[names[self._one], names[self._other]]
         self._count = np.bincount(bundle, minlength=parts * len(fixed) + len(self._one))
         self._first = np.cumsum(self._count) - self._count
@@ -91,11 +94,9 @@ class GeomPairs:
         Args:
             moved: (B, G, 4, 4) how each part has moved since the beginning, by its number less 1.
         """
-        geoms = [
-            (moved[:, name, :3] @ frames.reshape(4, -1)).reshape(len(moved), 3, -1, 5)
-            for name, frames in zip(self._names, self._frames, strict=True)
-        ]
-        return np.concatenate(geoms, axis=2)
+        moved = moved[:, :, :3]
+        geoms = [moved[:, number] @ frames for number, frames in self._frames]
+        return np.concatenate(geoms, axis=2).reshape(len(moved), 3, -1, 5)
 
     def positions(self, posed: Array, row: NDArray[np.int64], geom: NDArray[np.int64]) -> Array:
         """Return positions (n, 3) of moving geoms (n,) in rows (n,) of `posed`."""
@@ -112,30 +113,28 @@ class GeomPairs:
         moving = np.concatenate([center - size, -center - size])
         parts = np.minimum.reduceat(moving, self._begin, axis=2)
         wide = (parts - self._far_fixed)[..., None]
-        row, part, box = np.nonzero(_meet(wide, self._fixed[:, :, None]) & self._with_fixed)
+        row, part, box = (_meet(wide, self._fixed[:, :, None]) & self._with_fixed).nonzero()
         wide = parts[:, :, self._one] - self._far_parts
-        at, both = np.nonzero(_meet(wide, parts[:, :, self._other]) & self._with_part)
-        bundle = np.append(part * self._fixed.shape[2] + box, self._with_fixed.size + both)
+        at, both = (_meet(wide, parts[:, :, self._other]) & self._with_part).nonzero()
+        bundle = np.concatenate([part * self._fixed.shape[2] + box, self._with_fixed.size + both])
         count = self._count[bundle]
-        row = np.repeat(np.append(row, at), count)
-        pair = np.repeat(self._first[bundle] - np.cumsum(count) + count, count)
+        row = np.concatenate([row, at]).repeat(count)
+        pair = (self._first[bundle] - count.cumsum() + count).repeat(count)
         pair += np.arange(len(pair))
-        fixed = np.broadcast_to(self._fixed, (6, len(posed), self._fixed.shape[2]))
-        boxes = np.concatenate([moving, fixed], axis=2)
-        one, other = self._pairs[:, pair] + row * boxes.shape[2]
-        boxes = boxes.reshape(6, -1)
-        one, other = np.take(boxes, one, axis=1), np.take(boxes, other, axis=1)
+        boxes = np.empty((6, len(posed), moving.shape[2] + self._fixed.shape[2]))
+        boxes[:, :, : moving.shape[2]], boxes[:, :, moving.shape[2] :] = moving, self._fixed
+        at_row, boxes = row * boxes.shape[2], boxes.reshape(6, -1)
+        one, other = (boxes.take(geom.take(pair) + at_row, axis=1) for geom in self._pairs)
         above, below = one[:3] + other[3:], one[3:] + other[:3]  # along each axis of the world
         aside = np.maximum(np.maximum(above, below), 0.0)
-        squared = aside * aside
-        squared = squared[0] + squared[1] + squared[2]
-        keep = np.flatnonzero(squared < self._far[pair] ** 2)
-        squared, aside = squared[keep], aside[:, keep]
-        distance = np.sqrt(squared)
-        aside = np.where(above[:, keep] > below[:, keep], aside, -aside)
+        squared = (aside * aside).sum(axis=0)
+        keep = (squared < self._far_squared.take(pair)).nonzero()[0]
+        distance = np.sqrt(squared.take(keep))
+        aside = np.copysign(aside, above - below).take(keep, axis=1)
         direction = (aside / np.maximum(distance, 1e-12)).T
         # Geoms in boxes that overlap may be deep in each other.
-        return row[keep], pair[keep], np.where(squared > 0.0, distance, -np.inf), direction
+        bound = np.where(distance > 0.0, distance, -np.inf)
+        return row.take(keep), pair.take(keep), bound, direction
 
     def sharpen(self, found: Bounds, required: Array, posed: Array) -> None:
         """Replace lower bounds that are not far above what is required by what is so, in place.
@@ -146,20 +145,22 @@ class GeomPairs:
             posed: (B, 3, M, 5), by `posed`.
         """
         rows, pairs, bounds, directions = found
-        asked = np.flatnonzero(bounds < required + _WORTHWHILE)
-        asked = asked[np.argsort(rows[asked], kind="stable")]
+        asked = (bounds < required + _WORTHWHILE).nonzero()[0]
+        asked = asked[rows[asked].argsort(kind="stable")]
         geoms = self.geoms[pairs[asked]].tolist()
-        exact, ends = np.empty(len(asked)), np.zeros((len(asked), 6))
+        ends = np.zeros((len(asked), 6))
         model, data, distance, row = self._model, self._data, mujoco.mj_geomDistance, -1
-        far = float(np.max(self._far))
-        for index, (now, (one, other)) in enumerate(zip(rows[asked].tolist(), geoms, strict=True)):
+        axes = posed[..., :3].transpose(0, 2, 1, 3).reshape(len(posed), -1, 9)
+        positions = posed[..., 4].swapaxes(1, 2)
+        exact = []
+        for now, (one, other), points in zip(rows[asked].tolist(), geoms, ends, strict=True):
             if now != row:
-                row, pose = now, posed[now]
-                data.geom_xpos[self._moving] = pose[:, :, 4].T
-                data.geom_xmat[self._moving] = pose[:, :, :3].swapaxes(0, 1).reshape(-1, 9)
-            exact[index] = distance(model, data, one, other, far, ends[index])
-        bounds[asked] = exact
-        apart = np.where(np.abs(exact) > 1e-12, exact, 1e-12)  # negative where they overlap
+                row = now
+                data.geom_xpos[self._moving] = positions[now]
+                data.geom_xmat[self._moving] = axes[now]
+            exact.append(distance(model, data, one, other, self._farthest, points))
+        bounds[asked] = apart = np.array(exact)
+        apart = np.where(np.abs(apart) > 1e-12, apart, 1e-12)  # negative where they overlap
         directions[asked] = (ends[:, :3] - ends[:, 3:]) / apart[:, None]
 
 

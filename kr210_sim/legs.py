@@ -188,7 +188,8 @@ class LegFinder:
             known = self._found.get(wanted.key)
             if isinstance(known, Blocked) and known.final:
                 break
-        self._search([wanted for wanted in worth_asking if wanted.key not in self._found])
+        if unknown := [wanted for wanted in worth_asking if wanted.key not in self._found]:
+            self._search(unknown)
         return [self._found[wanted.key] for wanted in worth_asking]
 
     def sample(self, wanted: Wanted) -> list[Leg] | Blocked:

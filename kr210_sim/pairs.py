@@ -46,7 +46,10 @@ WITHIN = HAND - 1  # first of the pairs within the robot
 _TOGETHER = len(_PAIRS)  # stands for pairs that do not move against each other, or may touch
 _HAND = HAND - 2  # the row of the hand and what is fixed
 _LEAST = 1e-6  # [m]
+_FURTHER = _PAIRS[:, 1] - 2  # the moving group further down the arm, by its row in `reach`
+_ONE, _OTHER = _PAIRS[WITHIN:].T - 1  # groups by their rows in `Seen.centers`
 _BETWEEN = (_JOINTS >= _PAIRS[:, :1] - 1) & (_JOINTS < _PAIRS[:, 1:] - 1)
+_BETWEEN = np.where(np.arange(_TOGETHER)[:, None] == _HAND, 0.0, _BETWEEN)  # see `_HandRoom`
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -120,12 +123,13 @@ class _HandRoom:
     Attributes:
         least: (B,) distance above what is required to the nearest thing [m].
         far: (B,) what is not near is farther than that above what is required [m].
-        reach: (B, 6) of the hand from the axes [m].
-        screws: (B, 6, 6) of each joint the direction of its axis and the velocity of the origin
-            per radian.
+        reach: (6, B) of the hand from the axes [m].
+        screws: (B, 6, 6) of each joint in a column the direction of its axis and the velocity of
+            the origin per radian.
         row: (n,) index of the configuration of each of the pairs that are near, ascending.
+        begin: of each run of equal rows.
         excess: (n,) distance above what is required [m].
-        wrench: (n, 6) moment about the origin of the direction from what is fixed to the hand, at
+        wrench: (6, n) moment about the origin of the direction from what is fixed to the hand, at
             the middle of the hand's part, and the direction.
         size: (n,) of the hand's part around its middle [m].
     """
@@ -135,12 +139,13 @@ class _HandRoom:
     reach: Array
     screws: Array
     row: NDArray[np.int64]
+    begin: NDArray[np.int64]
     excess: Array
     wrench: Array
     size: Array
 
     def __call__(self, stretches: Stretches) -> Array:
-        """Return the share (B, E) of stretches on which nothing fixed comes too near the hand.
+        """Return the share (E, B) of stretches on which nothing fixed comes too near the hand.
 
         Two convex shapes that are d apart along n stay so until a point of the hand has moved by
         d against n. Let joint j travel t_j in all, r_j be the distance of the hand from axis j at
@@ -156,29 +161,28 @@ class _HandRoom:
         b_j. For all points p of a ball with middle c and radius e it is at least its value at c
         less e |n x sum_j a_j dq_j|.
         """
-        travel = stretches.travel
-        total, moved = np.sum(travel, axis=2), (travel @ self.reach[:, :, None])[..., 0]
-        least, far = self.least[:, None], self.far[:, None]
-        nothing_near = far / np.maximum(moved + far * total, _LEAST)
-        any_direction = least / np.maximum(moved + least * total, _LEAST)
-        most = np.minimum(moved / np.maximum(1.0 - total, _LEAST), far)[..., None]
-        parts = travel * (self.reach[:, None] + most)
-        beyond = np.cumsum(parts[..., ::-1], axis=2)[..., ::-1] - parts / 2.0
-        second = np.sum(travel * beyond + stretches.bend * self.reach[:, None], axis=2)
+        travel, reach = stretches.travel, self.reach[:, None]
+        total, moved = travel.sum(axis=0), (travel * reach).sum(axis=0)
+        nothing_near = self.far / np.maximum(moved + self.far * total, _LEAST)
+        any_direction = self.least / np.maximum(moved + self.least * total, _LEAST)
         if len(self.row):
-            twist = stretches.change @ self.screws
-            turn = np.einsum("bex,bex->be", twist[..., :3], twist[..., :3])
-            twist = np.take(twist, self.row, axis=0)  # (n, E, 6)
-            away = np.einsum("nex,nx->ne", twist, self.wrench)
-            along = np.einsum("nex,nx->ne", twist[..., :3], self.wrench[:, 3:])
-            across = np.maximum(turn[self.row] - along * along, 0.0)
-            first = np.maximum(self.size[:, None] * np.sqrt(across) - away, 0.0)
-            excess = self.excess[:, None]
-            root = first + np.sqrt(first * first + 4.0 * excess * second[self.row])
-            shares = 2.0 * excess / np.maximum(root, _LEAST * _LEAST)
-            begin = np.flatnonzero(np.diff(self.row, prepend=-1))
-            rows = self.row[begin]
-            nothing_near[rows] = np.minimum(nothing_near[rows], np.minimum.reduceat(shares, begin))
+            most = np.minimum(moved / np.maximum(1.0 - total, _LEAST), self.far)
+            parts = travel * (reach + most)
+            beyond = parts.sum(axis=0) - parts.cumsum(axis=0) + parts / 2.0
+            second = (travel * beyond + stretches.bend * reach).sum(axis=0)
+            twist = (self.screws @ stretches.change.transpose(2, 0, 1)).transpose(1, 2, 0)
+            turn = (twist[:3] * twist[:3]).sum(axis=0)
+            twist = twist.take(self.row, axis=2)  # (6, E, n)
+            away = (twist * self.wrench[:, None]).sum(axis=0)
+            along = (twist[:3] * self.wrench[3:, None]).sum(axis=0)
+            across = np.maximum(turn.take(self.row, axis=1) - along * along, 0.0)
+            first = np.maximum(self.size * np.sqrt(across) - away, 0.0)
+            second = second.take(self.row, axis=1)
+            root = first + np.sqrt(first * first + 4.0 * self.excess * second)
+            shares = 2.0 * self.excess / np.maximum(root, _LEAST * _LEAST)
+            rows = self.row[self.begin]
+            least = np.minimum.reduceat(shares, self.begin, axis=1)
+            nothing_near[:, rows] = np.minimum(nothing_near[:, rows], least)
         return np.asarray(np.maximum(nothing_near, any_direction))
 
 
@@ -203,40 +207,49 @@ def room(seen: Seen, excess: Array, clearance: Array, *, within: bool = True) ->
     # What is not reported is farther than the margins; links are farther than their balls, too.
     least = np.empty((len(reach), _TOGETHER + 1))
     least[:] = (NEAR - clearance)[:, None]
-    one, other = _PAIRS[WITHIN:].T - 1
-    between = seen.centers[:, one] - seen.centers[:, other]
+    between = seen.centers.take(_ONE, axis=1) - seen.centers.take(_OTHER, axis=1)
     gaps = np.sqrt(np.einsum("bpx,bpx->bp", between, between))
-    gaps -= seen.radii[:, one] + seen.radii[:, other]
+    gaps -= seen.radii.take(_ONE, axis=1) + seen.radii.take(_OTHER, axis=1)
     gaps -= np.maximum(clearance, SELF_CLEARANCE)[:, None]
     least[:, WITHIN:_TOGETHER] = np.maximum(NEAR_SELF - SELF_CLEARANCE, gaps)
     np.minimum.at(least, (seen.row, seen.pair), excess)
-    rows = np.where(_BETWEEN, reach[:, _PAIRS[:, 1] - 2] / least[:, :-1, None] + 1.0, 0.0)
-    rows[:, _HAND] = 0.0
-    transposed = np.swapaxes(rows if within else rows[:, :WITHIN], 1, 2)
+    rows = (reach.take(_FURTHER, axis=1) / least[:, :-1, None] + 1.0) * _BETWEEN
+    if not within:
+        rows = rows[:, :WITHIN]
     hand = _hand(seen, excess, least[:, _HAND], reach[:, HAND - 2], NEAR - clearance)
 
     def share(stretches: Stretches) -> Array:
-        used = np.max(stretches.travel @ transposed, axis=2)
-        return np.asarray(np.minimum(1.0 / np.maximum(used, _LEAST), hand(stretches)))
+        used = rows @ stretches.travel.transpose(2, 0, 1)
+        most = np.ascontiguousarray(used.transpose(1, 2, 0)).max(axis=0)
+        return np.asarray(np.minimum(1.0 / np.maximum(most, _LEAST), hand(stretches)))
 
     return share
 
 
 def _hand(seen: Seen, excess: Array, least: Array, reach: Array, far: Array) -> _HandRoom:
     """Return the room between the hand and what is fixed; excess as for `room`."""
-    near = np.flatnonzero(seen.pair == _HAND)
-    near = near[np.argsort(seen.row[near], kind="stable")]
+    near = (seen.pair == _HAND).nonzero()[0]
+    near = near[seen.row[near].argsort(kind="stable")]
     row = seen.row[near]
-    x, y, z = seen.spot[near].T
-    nx, ny, nz = seen.direction[near].T
-    moment = [y * nz - z * ny, z * nx - x * nz, x * ny - y * nx]
+    begins = np.ones(len(row), dtype=bool)
+    np.not_equal(row[1:], row[:-1], out=begins[1:])
+    direction = seen.direction[near].T
+    anchor, axis = (x.transpose(2, 0, 1) for x in (seen.anchor, seen.axis))
     return _HandRoom(
         least=least,
         far=far,
-        reach=reach,
-        screws=np.concatenate([seen.axis, np.cross(seen.anchor, seen.axis)], axis=2),
+        reach=np.ascontiguousarray(reach.T),
+        screws=np.concatenate([axis, _cross(anchor, axis)]).transpose(1, 0, 2),
         row=row,
+        begin=begins.nonzero()[0],
         excess=np.maximum(excess[near], _LEAST),  # what is too near does not count
-        wrench=np.array([*moment, nx, ny, nz]).T,
+        wrench=np.concatenate([_cross(seen.spot[near].T, direction), direction]),
         size=seen.size[near],
     )
+
+
+def _cross(one: Array, other: Array) -> Array:
+    """Return the cross products (3, ...) of vectors (3, ...)."""
+    x, y, z = one
+    a, b, c = other
+    return np.array([y * c - z * b, z * a - x * c, x * b - y * a])

@@ -40,10 +40,10 @@ def around(room: np.ndarray) -> Room:
     """Return what a room (B,) allows by the straight way and what a path leaves it by."""
 
     def share(stretches: Stretches) -> np.ndarray:
-        straight = np.sum(np.abs(stretches.change), axis=2)
-        assert np.all(straight <= np.sum(stretches.travel, axis=2) + 1e-9)
-        used = REACH * (straight + np.sum(stretches.bend, axis=2))
-        return room[:, None] / np.maximum(used, 1e-9)
+        straight = np.sum(np.abs(stretches.change), axis=0)
+        assert np.all(straight <= np.sum(stretches.travel, axis=0) + 1e-9)
+        used = REACH * (straight + np.sum(stretches.bend, axis=0))
+        return room / np.maximum(used, 1e-9)
 
     return share
 

@@ -321,10 +321,10 @@ def test_no_travel_that_a_look_allows_comes_too_near(oracle, scene, plan, hand):
     for index in range(40):
         sparse = rng.normal(size=q.shape) * (rng.uniform(size=q.shape) < 0.4)
         travel = sparse if index < 20 else straight[index - 20]
-        change = travel[:, None]
+        change = travel.T[:, None]
         share = room(Stretches(change=change, travel=np.abs(change), bend=np.zeros_like(change)))
         for part in (0.3, 0.7, 1.0):
-            moved = (q + part * travel * np.minimum(share, 1.0))[free]
+            moved = (q + part * travel * np.minimum(share, 1.0).T)[free]
             after = eyes.see(moved, hands[free], np.full((len(moved), 3), 1.0))
             counts = (after.kind == pairs.FREE) & (after.pair < len(pairs._PAIRS))
             assert np.min(after.distance[counts] - 0.004) > -1e-6
