@@ -7,6 +7,7 @@ nothing with `ik`.
 from __future__ import annotations
 
 import xml.etree.ElementTree as ET
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -28,43 +29,63 @@ class Chain:
     def forward(self, q: np.ndarray, dtype: Any = np.longdouble) -> np.ndarray:
         """T_base_tip (..., 4, 4) by multiplying the chain out, joint by joint."""
         q = np.asarray(q, dtype)
-        T = np.broadcast_to(np.eye(4, dtype=dtype), (*q.shape[:-1], 4, 4))
+        T: Entries = list(np.eye(3, 4, dtype=dtype))
         joint = 0
         for origin, axis in zip(self.origins.astype(dtype), self.axes.astype(dtype), strict=True):
             T = product(T, origin)
             if axis.any():
-                T = product(T, turn(axis, q[..., joint]))
+                T = product(T, rotation(axis, q[..., joint]))
                 joint += 1
-        return T
+        return matrix(T, q[..., 0])
 
 
-def product(A: np.ndarray, B: np.ndarray) -> np.ndarray:
-    """A @ B, entry by entry because matmul is slow in extended precision."""
-    shape = np.broadcast_shapes(A.shape, B.shape)
-    C = np.zeros(shape, A.dtype)
-    C[..., 3, 3] = 1
-    for i in range(3):
-        for j in range(4):
-            C[..., i, j] = sum(A[..., i, k] * B[..., k, j] for k in range(3))
-        C[..., i, 3] += A[..., i, 3]
+Entries = Sequence[Sequence[Any]]
+"""The upper three rows of transforms, an array (...) or a number for all of them per entry: this
+is faster in extended precision than matmul, and zeros cost nothing."""
+
+
+def product(A: Entries, B: Entries) -> Entries:
+    """Entries of A @ B."""
+    C = [[total(times(a[k], B[k][j]) for k in range(3)) for j in range(4)] for a in A]
+    for a, c in zip(A, C, strict=True):
+        c[3] = total((c[3], a[3]))
     return C
 
 
-def turn(axis: np.ndarray, angle: np.ndarray) -> np.ndarray:
-    """Rotation about a unit axis (..., 4, 4)."""
-    x, y, z = axis / np.sqrt((axis * axis).sum())
-    c, s = np.cos(angle), np.sin(angle)
-    T = np.zeros((*angle.shape, 4, 4), angle.dtype)
-    rows = (
-        (c + x * x * (1 - c), x * y * (1 - c) - z * s, x * z * (1 - c) + y * s),
-        (y * x * (1 - c) + z * s, c + y * y * (1 - c), y * z * (1 - c) - x * s),
-        (z * x * (1 - c) - y * s, z * y * (1 - c) + x * s, c + z * z * (1 - c)),
-    )
-    for i, row in enumerate(rows):
+def times(a: Any, b: Any) -> Any:
+    return 0 if is_nothing(a) or is_nothing(b) else a * b
+
+
+def total(terms: Iterable[Any]) -> Any:
+    return sum(term for term in terms if not is_nothing(term))
+
+
+def is_nothing(entry: Any) -> bool:
+    return np.ndim(entry) == 0 and entry == 0
+
+
+def matrix(entries: Entries, like: np.ndarray) -> np.ndarray:
+    """Transforms (..., 4, 4) of their entries, as many and as precise as `like` (...)."""
+    T = np.zeros((*like.shape, 4, 4), like.dtype)
+    for i, row in enumerate(entries):
         for j, entry in enumerate(row):
             T[..., i, j] = entry
     T[..., 3, 3] = 1
     return T
+
+
+def rotation(axis: np.ndarray, angle: np.ndarray) -> Entries:
+    """Entries of the rotation about an axis."""
+    x, y, z = axis / np.sqrt((axis * axis).sum())
+    c, s = np.cos(angle), np.sin(angle)
+    xs, ys, zs = times(x, s), times(y, s), times(z, s)
+    xx, yy, zz = (total((c, times(u * u, 1 - c))) for u in (x, y, z))
+    xy, yz, zx = (times(u * v, 1 - c) for u, v in ((x, y), (y, z), (z, x)))
+    return (
+        (xx, total((xy, -zs)), total((zx, ys)), 0),
+        (total((xy, zs)), yy, total((yz, -xs)), 0),
+        (total((zx, -ys)), total((yz, xs)), zz, 0),
+    )
 
 
 def parse_urdf(text: str) -> Chain:
@@ -87,7 +108,7 @@ def parse_urdf(text: str) -> Chain:
 
 def turn_about(k: int, angle: float) -> np.ndarray:
     """Rotation about coordinate axis k (4, 4)."""
-    return turn(np.eye(3)[k], np.array(angle))
+    return matrix(rotation(np.eye(3)[k], np.array(angle)), np.array(angle))
 
 
 def numbers(text: str) -> np.ndarray:
