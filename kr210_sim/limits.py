@@ -62,27 +62,44 @@ class MotionLimits:
         )
 
 
+def shift(path: Path, law: TimeLaw, t: Array) -> Array:
+    """Return q - q(0) (6, N) [rad] of one motion at times t (N,) [s]; zero before it begins."""
+    s = law.position(t)
+    if path.direction is not None:
+        return np.asarray(path.direction[:, None] * s)
+    return np.asarray((path(s) - path.start).T)
+
+
 def states(path: Path, law: TimeLaw, t: Array) -> Array:
     """Return q - q(0) and its first three derivatives (4, 6, N) of one motion at times t (N,) [s].
 
-    The chain rule for q(s(t)), with q1, q2, q3 the derivatives along the path and ds, dds, ddds
-    those of the time law; after its end a motion stays where it is.
+    After its end a motion stays where it is.
     """
     along = law(t)
     along[3, t >= law.duration] = 0.0
     if path.direction is not None:
         return np.asarray(along[:, None] * path.direction[:, None])
-    s, ds, dds, ddds = along
-    found = path.derivatives(s)
-    q, q1, q2, q3 = found
+    found = path.derivatives(along[0])
+    found[0] -= path.start[:, None]
+    chain(found[1:], along[1:])
+    return found
+
+
+def chain(along: Array, law: Array) -> None:
+    """Turn the first three derivatives of q(s) into those of q(s(t)), in place: the chain rule.
+
+    Args:
+        along: (3, 6, ...) of q with respect to s; becomes that with respect to t.
+        law: (3, ...) of s with respect to t.
+    """
+    q1, q2, q3 = along
+    ds, dds, ddds = law
     squared = ds * ds
-    q -= path.start[:, None]
     q3 *= squared * ds
     q3 += q1 * ddds + q2 * (3 * ds * dds)
     q2 *= squared
     q2 += q1 * dds
     q1 *= ds
-    return found
 
 
 def around(times: Array) -> Array:

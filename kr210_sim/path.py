@@ -42,9 +42,10 @@ class _Line:
         self._rows[0], self._rows[1] = start, direction
 
     def __call__(self, s: Array, orders: slice) -> Array:
-        q = np.repeat(self._rows[:, :, None], len(s), axis=2)
-        q[0] += self._rows[1, :, None] * s
-        return q[orders]
+        q = np.repeat(self._rows[orders, :, None], len(s), axis=2)
+        if not orders.start:
+            q[0] += self._rows[1, :, None] * s
+        return q
 
 
 class _Spline:

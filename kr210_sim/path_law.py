@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from kr210_sim.arrays import Array
-from kr210_sim.limits import MotionLimits, about_peaks, around, states, usages
+from kr210_sim.limits import MotionLimits, about_peaks, around, chain, states, usages
 from kr210_sim.path import Path
 from kr210_sim.time_law import TimeLaw
 
@@ -15,7 +15,7 @@ _MARGIN = 1.0 - 1e-4  # share of the limits that is used, for what lies between 
 _GRID = 81  # points of a path at which its limits are estimated
 _INSTANTS = 3  # of each phase of constant jerk at which shapes are compared
 _SAMPLES = 200  # instants of a motion at which its limits are evaluated, at least
-_SIGNS = np.array([1.0, 0.0, -1.0, 0.0, -1.0, 0.0, 1.0])  # of the jerk in its phases
+_SIGNS = np.array([1.0, 0.0, -1.0, 0.0, -1.0, 0.0, 1.0])[:, None]  # of the jerk in its phases
 _ROOTS = 1 / np.arange(1.0, 4.0)[:, None]  # orders of what a time scale changes
 _SPEEDS = np.geomspace(0.1, 1.0, 8)  # shares of the speed limit tried on a curved path
 _JERK_SHARES = np.array([1.0, 0.7, 0.4])  # of the acceleration limit: jerk is left for curvature
@@ -62,7 +62,8 @@ def _curved_laws(paths: Sequence[Path], limits: MotionLimits) -> list[TimeLaw]:
     v = fastest * _SPEEDS[:, None, None]
     a = np.min(full[1] - second * v**2, axis=3, keepdims=True)
     a = _JERK_SHARES[:, None] * np.maximum(a, _LEAST * quickest)
-    rest = (full[2] - third * v**3) - second * (3 * v * a)
+    taken = second * (3 * v * a)
+    rest = np.subtract(full[2] - third * v**3, taken, out=taken)
     j = np.maximum(np.min(rest, axis=3, keepdims=True), _LEAST * sharpest)
     shapes = np.array(np.broadcast_arrays(v, a, j)).reshape(3, len(paths), -1)
     best = np.argmin(_durations(length, shapes, derivatives, limits), axis=1)
@@ -86,25 +87,23 @@ def _durations(length: Array, shapes: Array, derivatives: Array, limits: MotionL
     length, owner = (np.repeat(x, count) for x in (length, np.arange(len(length))))
     v, a, j = shapes.reshape(3, -1)
     phases = _phases(length, v, a, j)
-    s, ds, dds, ddds = _states(phases, j)
-    at = np.minimum(np.maximum(s / length[:, None], 0.0), 1.0) * (points - 1)
+    s, *law = _states(phases, j)
+    at = np.minimum(np.maximum(s / length, 0.0), 1.0) * (points - 1)
     index = np.minimum(at.astype(np.int64), points - 2)
     share = at - index
-    index += points * owner[:, None]
+    index += points * owner
     rows = derivatives.transpose(1, 2, 0, 3).reshape(3, 6, -1)
-    slopes = np.diff(rows, append=0.0)
-    q1, q2, q3 = rows.take(index, axis=2) + share * slopes.take(index, axis=2)
-    squared = ds * ds
-    used = np.array(
-        [q1 * ds, q1 * dds + q2 * squared, q1 * ddds + q2 * (3 * ds * dds) + q3 * (squared * ds)]
-    )
-    used = np.max(np.abs(used, out=used), axis=3) / limits.orders
+    used = np.diff(rows, append=0.0).take(index, axis=2)
+    used *= share
+    used += rows.take(index, axis=2)
+    chain(used, np.array(law))
+    used = np.max(np.abs(used, out=used), axis=2) / limits.orders
     stretch = np.max(np.max(used, axis=1) ** _ROOTS, axis=0)
-    return np.asarray(np.sum(phases, axis=1) * stretch).reshape(-1, count)
+    return np.asarray(np.sum(phases, axis=0) * stretch).reshape(-1, count)
 
 
 def _phases(length: Array, v: Array, a: Array, j: Array) -> Array:
-    """Return the durations (n, 7) of the phases of constant jerk, from rest to rest.
+    """Return the durations (7, n) of the phases of constant jerk, from rest to rest.
 
     The closed form of what ruckig computes one by one, to compare many shapes [s].
     """
@@ -116,28 +115,32 @@ def _phases(length: Array, v: Array, a: Array, j: Array) -> Array:
     ramp = np.minimum(ramp, np.sqrt(peak / j))
     hold = np.maximum(peak / (j * ramp) - ramp, 0.0)
     cruise = np.maximum(length / peak - 2 * ramp - hold, 0.0)
-    return np.stack([ramp, hold, ramp, cruise, ramp, hold, ramp], axis=1)
+    return np.array([ramp, hold, ramp, cruise, ramp, hold, ramp])
 
 
 def _states(phases: Array, jerk: Array) -> tuple[Array, Array, Array, Array]:
-    """Return s and its derivatives (n, 7 m) at m instants in each phase, its ends included."""
-    state = np.zeros((4, len(jerk), 7))  # at the beginning of each phase
-    state[3] = jerk[:, None] * _SIGNS
-    for phase in range(6):
-        state[:3, :, phase + 1] = _after(phases[:, phase], state[:, :, phase])
-    t = phases[:, :, None] * np.linspace(0.0, 1.0, _INSTANTS)
-    s, ds, dds = (x.reshape(len(jerk), -1) for x in _after(t, state[..., None]))
-    return s, ds, dds, np.repeat(state[3], _INSTANTS, axis=1)
-
-
-def _after(t: Array, state: Array) -> tuple[Array, Array, Array]:
-    """Return s, ds and dds at times t after a state (4, ...) of them and a constant jerk."""
-    s, ds, dds, ddds = state
-    return (
+    """Return s and its derivatives (7 m, n) at m instants in each phase, its ends included."""
+    ddds = _SIGNS * jerk
+    dds = _before(phases * ddds)
+    ds = _before(phases * (dds + phases * ddds / 2))
+    s = _before(phases * (ds + phases * (dds / 2 + phases * ddds / 6)))
+    t = phases[:, None] * np.linspace(0.0, 1.0, _INSTANTS)[:, None]
+    s, ds, dds, ddds = (x[:, None] for x in (s, ds, dds, ddds))
+    found = (
         s + t * (ds + t * (dds / 2 + t * ddds / 6)),
         ds + t * (dds + t * ddds / 2),
         dds + t * ddds,
+        np.repeat(ddds, _INSTANTS, axis=1),
     )
+    s, ds, dds, ddds = (x.reshape(-1, len(jerk)) for x in found)
+    return s, ds, dds, ddds
+
+
+def _before(gains: Array) -> Array:
+    """Return what has been gained before each phase (7, n), from the gains in each (7, n)."""
+    sums = np.zeros_like(gains)
+    np.cumsum(gains[:-1], axis=0, out=sums[1:])
+    return sums
 
 
 def _fitted(path: Path, shape: tuple[float, float, float], limits: MotionLimits) -> TimeLaw:

@@ -9,14 +9,14 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
 from kr210_sim.arrays import Array
-from kr210_sim.limits import MotionLimits, about_peaks, around, states, usages
+from kr210_sim.limits import MotionLimits, about_peaks, around, shift, states, usages
 from kr210_sim.path import Path
 from kr210_sim.path_law import quickest_laws
 from kr210_sim.time_law import TimeLaw
 
 _CHECK_RATE = 1000.0  # [Hz]
 _GLANCES = 16  # instants at which overlaps are compared with the limits at first
-_BLOCK = 32  # overlaps that are compared together
+_BLOCK = 64  # overlaps that are compared together
 _SHARE = 0.75  # of a motion, at most, that overlaps the one before it
 _SHRINK = 0.8  # of an overlap that is not clear
 
@@ -67,12 +67,10 @@ class Trajectory:
 
     def positions(self, t: Array) -> Array:
         """Return q (N, 6) [rad] at times t (N,) [s]."""
-        q = np.tile(self.paths[0].start, (len(t), 1))
+        q = np.repeat(self.paths[0].start[:, None], len(t), axis=1)
         for path, law, start in zip(self.paths, self._laws, self.starts, strict=True):
-            begun = t > start
-            if np.any(begun):
-                q[begun] += path(law.position(t[begun] - start)) - path.start
-        return q
+            q += shift(path, law, t - start)
+        return np.ascontiguousarray(q.T)
 
     def motion(self, t: Array) -> tuple[Array, Array]:
         """Return q and qd, each (N, 6) [rad, rad/s], at times t (N,) [s]: all that servos need."""
