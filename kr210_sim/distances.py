@@ -29,6 +29,7 @@ class GeomPairs:
 
     Attributes:
         geoms: (P, 2) the pairs.
+        moving: (M,) the solid geoms that move, by their parts.
     """
 
     def __init__(
@@ -45,38 +46,41 @@ class GeomPairs:
         self._model, self._data = model, data
         solid = (model.geom_contype != 0) | (model.geom_conaffinity != 0)
         moving, fixed = np.flatnonzero(solid & (part > 0)), np.flatnonzero(solid & (part == 0))
-        self._moving = moving = moving[np.argsort(part[moving], kind="stable")]
-        names, own = np.unique(part[moving], return_inverse=True)
-        parts = len(names)
+        self.moving = self._moving = moving = moving[np.argsort(part[moving], kind="stable")]
+        names = np.flatnonzero(np.bincount(part[moving]))
+        own, parts = np.searchsorted(names, part[moving]), len(names)
         self._begin = np.searchsorted(own, np.arange(parts))
         middle, half = model.geom_aabb[:, :3].copy(), model.geom_aabb[:, 3:].copy()
-        plane = model.geom_type == mujoco.mjtGeom.mjGEOM_PLANE
+        plane = model.geom_type == int(
+            mujoco.mjtGeom.mjGEOM_PLANE
+        )  # comparing with the enum is slow
         middle[plane], half[plane] = [0.0, 0.0, -_DEEP], _DEEP
         rotation = data.geom_xmat.reshape(-1, 3, 3)
         center = data.geom_xpos + (rotation @ middle[..., None])[..., 0]
         size = (np.abs(rotation) @ half[..., None])[..., 0]
         self._fixed = np.concatenate([center - size, -center - size], axis=1)[fixed].T[:, None]
         # Of each moving geom the axes, the middle of its box, and its position: (4, 5) each.
-        frames = np.zeros((model.ngeom, 4, 5))
-        frames[:, :3, :3], frames[:, :3, 3], frames[:, :3, 4] = rotation, center, data.geom_xpos
-        frames[:, 3, 3:] = 1.0
-        of_parts = np.split(frames[moving].swapaxes(0, 1), self._begin[1:], axis=1)
+        frames = np.zeros((4, len(moving), 5))
+        frames[:3, :, :3], frames[:3, :, 3] = rotation[moving].swapaxes(0, 1), center[moving].T
+        frames[:3, :, 4], frames[3, :, 3:] = data.geom_xpos[moving].T, 1.0
+        ends = [*self._begin[1:].tolist(), len(moving)]
         self._frames = [
-            (number, of_part.reshape(4, -1))
-            for number, of_part in zip((names - 1).tolist(), of_parts, strict=True)
+            (number, frames[:, first:end].reshape(4, -1))
+            for number, first, end in zip(
+                (names - 1).tolist(), self._begin.tolist(), ends, strict=True
+            )
         ]
         self._half = half[moving].T[:, None]
         self._index = np.zeros(model.ngeom, dtype=np.int64)
         self._index[moving] = np.arange(len(moving))
         # Pairs come in bundles: each part with each fixed geom, then the parts with one another.
-        self._one, self._other = np.triu_indices(parts, 1)
+        self._one, self._other = np.nonzero(np.arange(parts)[:, None] < np.arange(parts))
         number = np.zeros((parts, parts + len(fixed)), dtype=np.int64)
         number[self._one, self._other] = parts * len(fixed) + np.arange(len(self._one))
         number[:, parts:] = np.arange(parts * len(fixed)).reshape(parts, -1)
         geoms = np.append(moving, fixed)
         owner = np.append(own, parts + np.arange(len(fixed)))
-        pairs = np.argwhere(own[:, None] < owner)
-        pairs = pairs[_may_collide(model, geoms[pairs])]
+        pairs = np.argwhere((own[:, None] < owner) & _may_collide(model, moving, geoms))
         bundle = number[*owner[pairs].T]
         order = np.argsort(bundle, kind="stable")
         self._pairs, bundle = pairs[order].T, bundle[order]
@@ -173,16 +177,17 @@ def _meet(wide: Array, other: Array) -> NDArray[np.bool_]:
     return np.asarray(meets)
 
 
-def _may_collide(model: mujoco.MjModel, pairs: NDArray[np.int64]) -> NDArray[np.bool_]:
-    """Return which pairs of geoms (P, 2) MuJoCo does not filter out."""
-    one, other = pairs.T
-    meant = (model.geom_contype[one] & model.geom_conaffinity[other]) != 0
-    meant |= (model.geom_contype[other] & model.geom_conaffinity[one]) != 0
+def _may_collide(
+    model: mujoco.MjModel, one: NDArray[np.int64], other: NDArray[np.int64]
+) -> NDArray[np.bool_]:
+    """Return which pairs (n, m) of geoms (n,) and (m,) MuJoCo does not filter out."""
+    # Of bodies first: those that are welded together, neighbours, and named exceptions.
     weld = model.body_weldid
-    a, b = weld[model.geom_bodyid[one]], weld[model.geom_bodyid[other]]
-    parent_a, parent_b = weld[model.body_parentid[a]], weld[model.body_parentid[b]]
-    adjacent = ((parent_a == b) & (b != 0)) | ((parent_b == a) & (a != 0))
-    first, second = model.geom_bodyid[one], model.geom_bodyid[other]
-    signature = np.minimum(first, second) << 16 | np.maximum(first, second)
-    counts = meant & (a != b) & ~adjacent & ~np.isin(signature, model.exclude_signature)
-    return np.asarray(counts)
+    parent, moves = weld[model.body_parentid[weld]], weld != 0
+    neighbours = (parent[:, None] == weld) & moves
+    counts = (weld[:, None] != weld) & ~neighbours & ~neighbours.T
+    first, second = np.divmod(model.exclude_signature, 1 << 16)
+    counts[first, second] = counts[second, first] = False
+    types, affinities, body = model.geom_contype, model.geom_conaffinity, model.geom_bodyid
+    meant = (types[one, None] & affinities[other]) | (types[other] & affinities[one, None])
+    return np.asarray(counts[body[one, None], body[other]] & (meant != 0))

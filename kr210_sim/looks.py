@@ -58,8 +58,11 @@ class Eyes:
         far = np.full((GROUPS + 1, GROUPS + 1), NEAR)
         far[BASE:GROUPS, BASE:GROUPS] = NEAR_SELF
         self._pairs = GeomPairs(model, data, part, far)
-        sorts = (self._role * GROUPS + self._group)[self._pairs.geoms]
-        self._kind, self._pair = (table[:, *sorts.T] for table in pairs.tables())
+        one, other = (self._role * GROUPS + self._group)[self._pairs.geoms].T
+        self._kind, self._pair = (
+            np.take(table.reshape(len(table), -1), one * table.shape[2] + other, axis=1)
+            for table in pairs.tables()
+        )
         # Of hand or target and what is fixed, the one that may be carried.
         group = np.where(self._role == pairs.TARGET, HAND, self._group)[self._pairs.geoms]
         second = np.argmax(group, axis=1)
@@ -67,15 +70,14 @@ class Eyes:
         self._sign = 1.0 - 2.0 * second[:, None]
         # By whether the target is held; it belongs to the hand then, all else is as before.
         self._centers, self._radii = np.ones((2, HAND, 4)), np.zeros((2, HAND))
-        corners = _corners(model, data)
-        target_corners = corners[part == GROUPS].reshape(-1, 3)
-        taken = target_corners @ self._taken[:3, :3].T + self._taken[:3, 3]
-        for index in range(HAND):
-            own = corners[part == BASE + index].reshape(-1, 3)
-            for held, around in enumerate((own, np.concatenate([own, taken]))):
-                if index == HAND - 1 or not held:
-                    ball = _ball(around)
-                    self._centers[held:, index, :3], self._radii[held:, index] = ball
+        moving = self._pairs.moving
+        corners, of = _corners(model, data, moving), np.minimum(part[moving], HAND) - BASE
+        own = np.searchsorted(part[moving], GROUPS)
+        taken = corners[own:].reshape(-1, 3) @ self._taken[:3, :3].T + self._taken[:3, 3]
+        corners[own:] = taken.reshape(-1, 8, 3)
+        for held, count in enumerate((own, len(moving))):
+            balls = _balls(corners[:count], of[:count])
+            self._centers[held, :, :3], self._radii[held] = balls
         self.looks = self.calls = 0
 
     def see(self, q: Array, hands: NDArray[np.int64], required: Array) -> Seen:
@@ -135,42 +137,53 @@ class Eyes:
         }
 
 
-def _corners(model: mujoco.MjModel, data: mujoco.MjData) -> Array:
-    """Return the corners (ngeom, 8, 3) of the boxes around the geoms; NaN of what is not solid."""
-    solid = (model.geom_contype != 0) | (model.geom_conaffinity != 0)
-    corners = model.geom_aabb[:, None, :3] + model.geom_aabb[:, None, 3:] * _CORNERS
-    corners = corners @ data.geom_xmat.reshape(-1, 3, 3).swapaxes(1, 2) + data.geom_xpos[:, None]
-    return np.where(solid[:, None, None], corners, np.nan)
+def _corners(model: mujoco.MjModel, data: mujoco.MjData, geoms: NDArray[np.int64]) -> Array:
+    """Return the corners (n, 8, 3) of the boxes around geoms (n,)."""
+    boxes = model.geom_aabb[geoms, None]
+    corners = boxes[..., :3] + boxes[..., 3:] * _CORNERS
+    rotation = data.geom_xmat[geoms].reshape(-1, 3, 3)
+    return np.asarray(corners @ rotation.swapaxes(1, 2) + data.geom_xpos[geoms, None])
 
 
-def _ball(points: Array) -> tuple[Array, float]:
-    """Return a ball around points (N, 3), NaN rows left out: center (3,), radius [m]."""
-    points = points[~np.isnan(points[:, 0])]
-    if not len(points):
-        return np.zeros(3), 0.0
-    center = (np.min(points, axis=0) + np.max(points, axis=0)) / 2
-    return center, float(np.sqrt(np.max(np.sum((points - center) ** 2, axis=1))))
+def _balls(corners: Array, of: NDArray[np.int64]) -> tuple[Array, Array]:
+    """Return a ball around each link: centers (HAND, 3), radii (HAND,) [m]; 0 of what is bare.
+
+    Args:
+        corners: (n, 8, 3) of the boxes of the geoms.
+        of: (n,) the link of each geom, ascending.
+    """
+    centers, radii = np.zeros((HAND, 3)), np.zeros(HAND)
+    links = np.flatnonzero(np.bincount(of))
+    begin = 8 * np.searchsorted(of, links)
+    points = corners.reshape(-1, 3).T
+    low = np.minimum.reduceat(points, begin, axis=1)
+    high = np.maximum.reduceat(points, begin, axis=1)
+    centers[links] = (low + high).T / 2
+    x, y, z = (points - np.repeat(centers[of], 8, axis=0).T) ** 2
+    radii[links] = np.sqrt(np.maximum.reduceat(x + y + z, begin))
+    return centers, radii
 
 
 def _roles(simulation: Simulation, scene: Scene, target: Target) -> NDArray[np.int64]:
     """Return the role of each geom."""
     model = simulation.model
-    body_role = np.full(model.nbody, FIXTURE)
+    body_role = [FIXTURE] * model.nbody
     body_role[simulation.body_id(scene.robot.root)] = pairs.ROBOT
-    body_role[[simulation.body_id(name) for name in scene.robot.fingers]] = pairs.FINGER
+    for name in scene.robot.fingers:
+        body_role[simulation.body_id(name)] = pairs.FINGER
+    parents = model.body_parentid.tolist()
     for body in range(1, model.nbody):  # parents come first
-        body_role[body] = max(body_role[body], body_role[model.body_parentid[body]])
+        body_role[body] = max(body_role[body], body_role[parents[body]])
     body_role[model.body(target.name).id] = pairs.TARGET
-    role = body_role[model.geom_bodyid]
+    role = np.array(body_role)[model.geom_bodyid]
     role[model.geom(scene.cell(target.cell).support).id] = pairs.SUPPORT
     return np.asarray(role)
 
 
 def _groups(model: mujoco.MjModel, links: NDArray[np.int64]) -> NDArray[np.int64]:
     """Return the group of each geom from the base link and the links of the arm joints (7,)."""
-    group = np.full(model.nbody, FIXED)
+    group = [FIXED] * model.nbody
+    parents, begins = model.body_parentid.tolist(), set(links.tolist())
     for body in range(1, model.nbody):
-        group[body] = group[model.body_parentid[body]]
-        if body in links:
-            group[body] += 1
-    return np.asarray(group[model.geom_bodyid])
+        group[body] = group[parents[body]] + (body in begins)
+    return np.asarray(np.array(group)[model.geom_bodyid])
