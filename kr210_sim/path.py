@@ -14,9 +14,6 @@ from kr210_sim.arrays import Array
 _DEGREE = 5
 """Quintic splines: the third derivative, from which jerk follows, is smooth."""
 
-_NORM = 8.0
-"""Exponent of the smooth maximum over joints that defines the arc length."""
-
 _ORDERS = 4
 """A path is known with its first three derivatives."""
 
@@ -107,7 +104,7 @@ class Path:
     @classmethod
     def straight(cls, q_start: Array, q_end: Array, velocity: Array) -> Path:
         """Return the straight joint line between two configurations (6,) [rad]."""
-        length = float(np.sum(np.abs((q_end - q_start) / velocity) ** _NORM) ** (1 / _NORM))
+        length = float(_norm((q_end - q_start) / velocity))
         length = length if length > _NOWHERE else 0.0
         direction = (q_end - q_start) / (length or 1.0)
         return cls(_Line(q_start, direction), length, direction)
@@ -123,7 +120,7 @@ class Path:
         count = max(_KNOTS, len(q)) * _FINE
         values, slopes = _sampling(len(q), count)
         u_step = 1.0 / count
-        rate = np.sum(np.abs(slopes @ q / velocity) ** _NORM, axis=1) ** (1 / _NORM)
+        rate = _norm(slopes @ q / velocity)
         s = np.concatenate([[0.0], np.cumsum((rate[1:] + rate[:-1]) * (u_step / 2))])
         length = float(s[-1])
         if length <= _NOWHERE:
@@ -167,6 +164,12 @@ class Path:
             if widest <= step:
                 return q
             count = int(np.ceil(count * widest / step)) + 1
+
+
+def _norm(x: Array) -> Array:
+    """Return the 8-norm over joints that defines the arc length: (..., 6) -> (...)."""
+    eighth = np.square(np.square(np.square(x)))
+    return np.asarray(np.sqrt(np.sqrt(np.sqrt(np.sum(eighth, axis=-1)))))
 
 
 @cache
