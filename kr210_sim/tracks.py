@@ -117,7 +117,8 @@ class TrackFinder:
         Raises:
             CycleFailure: bad_ik, if a solver does not answer as agreed.
         """
-        lines = polylines(np.array(corners), LINE_STEP)
+        flat = np.concatenate([T_base_tcp for polyline in corners for T_base_tcp in polyline])
+        lines = polylines(flat.reshape(len(corners), -1, 4, 4), LINE_STEP)
         lines = replace(lines, poses=self._robot.tcp_to_palm(lines.poses))
         index, row = lines.aligned(anchor)
         self.poses += len(lines.poses)
@@ -190,7 +191,8 @@ class TrackFinder:
         index = np.repeat(np.arange(len(copies)), copies)
         number = np.arange(len(index)) - np.repeat(np.cumsum(copies) - copies, copies)
         turns = first[:, index]
-        for joint in range(5, -1, -1):  # that of the last joint changes from copy to copy
+        several = np.flatnonzero(np.max(choices, axis=1, initial=1) > 1)
+        for joint in several[::-1]:  # that of the last joint changes from copy to copy
             number, more = np.divmod(number, choices[joint, index])
             turns[joint] += more
         return index, (sequences[:, :, index] + _TURN * turns[:, None]).T
