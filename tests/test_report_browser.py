@@ -77,8 +77,7 @@ def opened(browser: Any, report: Any, width: int = 1440, scheme: str = "light") 
     return tab, said
 
 
-@pytest.mark.parametrize("width", [375, 1440])
-@pytest.mark.parametrize("scheme", ["light", "dark"])
+@pytest.mark.parametrize(("width", "scheme"), [(375, "dark"), (1440, "light")])
 def test_the_page_is_quiet_asks_for_nothing_and_never_scrolls_sideways(
     browser, report, width, scheme
 ):
