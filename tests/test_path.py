@@ -114,3 +114,13 @@ def test_a_path_that_goes_nowhere_stays_there(robot):
             np.testing.assert_allclose(path(np.zeros(5), order), 0.0, atol=1e-9)
         np.testing.assert_allclose([path.start, path.end], q[:2], atol=1e-12)
         assert len(path.samples(0.01)) >= 2
+
+
+def test_the_way_back_has_the_same_derivatives_with_the_signs_of_a_turned_parameter(robot, ends):
+    for there in (Path.straight(*ends, robot.velocity), Path.through(bow(*ends), robot.velocity)):
+        back, s = there.reversed(), there.length * np.linspace(0.0, 1.0, 20)
+        assert back.there is there
+        turned = there.derivatives(there.length - s) * np.array([1, -1, 1, -1])[:, None, None]
+        np.testing.assert_allclose(back.derivatives(s), turned, rtol=1e-12, atol=1e-12)
+        for order in range(4):
+            np.testing.assert_array_equal(back(s, order), back.derivatives(s)[order].T)
