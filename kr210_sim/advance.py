@@ -14,10 +14,11 @@ from kr210_sim.arrays import Array
 _AT_ONCE = 64
 """Configurations looked at together, at most: fewer calls, but more of them than needed."""
 
-_PARTS = 3
-"""Configurations of each path looked at to begin with."""
+_PARTS, _PARTS_WITHOUT_CHOICE = 3, 5
+"""Configurations of each path looked at to begin with. Several paths that must all be free, with
+nothing to choose from, mostly are."""
 
-_MOST_PARTS, _MOST_PARTS_ALONE = 4, 2
+_MOST_PARTS, _MOST_PARTS_ALONE = 6, 2
 """Configurations looked at next in a stretch that is not yet proved, at most: more calls are saved
 than looks are lost, but for a path that is asked for alone, as sampling does, mostly in vain."""
 
@@ -98,7 +99,8 @@ def advance_each(
     free = np.ones(len(paths), dtype=bool)
     first = _first(free, choice)
     most = _MOST_PARTS if len(paths) > 1 else _MOST_PARTS_ALONE
-    parts = np.where((count > 1) & first, _PARTS, 1)
+    coarse = _PARTS_WITHOUT_CHOICE if len(paths) > 1 and first.all() else _PARTS
+    parts = np.where((count > 1) & first, coarse, 1)
     waiting, owner = _divided(begin, last, parts, np.arange(len(paths)))
     urgent = np.zeros(len(owner), dtype=bool)
     while True:

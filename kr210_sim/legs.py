@@ -203,7 +203,8 @@ class LegFinder:
 
     def _search(self, wishes: Sequence[Wanted]) -> None:
         """Find lines, and of each move the straight one if it is free, else the least detour."""
-        ways = [[wanted.q, *(self._detours(wanted) if wanted.is_move else ())] for wanted in wishes]
+        detours = iter(self._detours([wanted.q for wanted in wishes if wanted.is_move]))
+        ways = [[wanted.q, *(next(detours) if wanted.is_move else ())] for wanted in wishes]
         answers = self._oracle.first_free(
             [
                 [wanted.asks(way) for way in of_one]
@@ -226,13 +227,18 @@ class LegFinder:
                 return Blocked(stage=wanted.stage, what=f"{near} already at the {name}")
         return Blocked(stage=wanted.stage, what=what, final=False)
 
-    def _detours(self, wanted: Wanted) -> list[Array]:
-        """Return the ways (3, 6) around what blocks the straight one, the least first."""
-        q_from, q_to = wanted.q
-        vias = (q_from + q_to) / 2 + DETOURS @ self._bulges(q_from, q_to)
+    def _detours(self, moves: Sequence[Array]) -> list[list[Array]]:
+        """Return of each move (2, 6) the ways (3, 6) around what blocks it, the least first."""
+        if not moves:
+            return []
+        middle = np.mean(moves, axis=1)
+        vias = middle[:, None] + DETOURS @ self._bulges(middle)
         within = ik.within_limits(vias, self._robot.lower, self._robot.upper)
         # The trajectory rounds a corner only as far as its inside is free, too.
-        return [np.array([q_from, via, q_to]) for via in vias[within]]
+        return [
+            [np.array([q_from, via, q_to]) for via in of_move[counts]]
+            for (q_from, q_to), of_move, counts in zip(moves, vias, within, strict=True)
+        ]
 
     def _legs(self, q: Array, wanted: Wanted) -> list[Leg]:
         """Return the legs along a path (N, 6) that is free."""
@@ -275,19 +281,19 @@ class LegFinder:
             for a, b in pairwise(corners)
         ]
 
-    def _bulges(self, q_from: Array, q_to: Array) -> Array:
-        """Return joint displacements (2, 6) that move the TCP 1 m towards axis 1, and 1 m up.
+    def _bulges(self, q: Array) -> Array:
+        """Return joint displacements (N, 2, 6) that move the TCP 1 m towards axis 1, and 1 m up.
 
-        Damped least squares on the Jacobian at mid-move, with the tool's orientation kept.
+        Damped least squares on the Jacobian at configurations (N, 6), with the tool's orientation
+        kept.
         """
-        middle = (q_from + q_to) / 2
-        jacobian = ik.jacobian(self._robot.geometry, middle)
-        p = self._robot.forward(middle)[:3, 3]
-        twists = np.zeros((2, 6))
-        twists[0, :2] = -p[:2] / max(float(np.hypot(p[0], p[1])), 1e-6)
-        twists[1, 2] = 1.0
-        damped = jacobian @ jacobian.T + 1e-2 * np.eye(6)
-        return np.asarray(np.linalg.solve(damped, twists.T).T @ jacobian)
+        jacobian = ik.jacobian(self._robot.geometry, q)
+        p = self._robot.forward(q)[:, :2, 3]
+        twists = np.zeros((len(q), 6, 2))
+        twists[:, :2, 0] = -p / np.maximum(np.hypot(*p.T), 1e-6)[:, None]
+        twists[:, 2, 1] = 1.0
+        damped = jacobian @ jacobian.swapaxes(1, 2) + 1e-2 * np.eye(6)
+        return np.asarray(np.linalg.solve(damped, twists).swapaxes(1, 2) @ jacobian)
 
 
 def _leg(wanted: Wanted, path: Path, *, sampled: bool = False) -> Leg:
