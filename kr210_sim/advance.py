@@ -212,12 +212,12 @@ class _Lines:
             travel, bend = np.abs(change[6:]), self._bend(low, high)
             found = room(Stretches(change=change[:6], travel=travel, bend=bend))
             proved = (found >= 1.0) | ~counts
-            if proved.all():
-                return np.where(share == 1.0, ends, reached)
-            # At once on a straight piece; where the path bends it takes a few trials.
+            # Known at once on a straight piece; where the path bends it takes a few trials.
             less = np.where(share == 1.0, 1.0 - 1e-9, _CAUTION) * found
             share = np.where(proved, share, share * less)
-            reached = middle + share * aside
+            reached = np.where(share == 1.0, ends, middle + share * aside)
+            if (proved | ~bend.any(axis=0)).all():
+                return reached
 
     def _bend(self, low: Array, high: Array) -> Array:
         """Return how far the lines leave the straight one between positions at most (6, ...).
