@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import accumulate, pairwise
 
 import numpy as np
 
 from kr210_sim.arrays import Array
-from kr210_sim.path import Path
+from kr210_sim.path import Path, derivatives_of
 from kr210_sim.robot import ACCELERATION_TIME
-from kr210_sim.time_law import TimeLaw
+from kr210_sim.time_law import TimeLaw, laws_at
 
 JERK_TIME = 0.05
 """Time from zero to the acceleration limit at the jerk limit [s]."""
@@ -75,14 +77,40 @@ def states(path: Path, law: TimeLaw, t: Array) -> Array:
 
     After its end a motion stays where it is.
     """
-    along = law(t)
-    along[3, t >= law.duration] = 0.0
-    if path.direction is not None:
-        return np.asarray(along[:, None] * path.direction[:, None])
-    found = path.derivatives(along[0])
-    found[0] -= path.start[:, None]
-    chain(found[1:], along[1:])
+    return states_of([path], [law], [t])
+
+
+def states_of(paths: Sequence[Path], laws: Sequence[TimeLaw], times: Sequence[Array]) -> Array:
+    """Return q - q(0) and its first three derivatives (4, 6, N) of motions, in one pass.
+
+    Args:
+        paths: of the motions; their columns stand side by side.
+        laws: of the motions.
+        times: (N_k,) of each [s]; N is their sum.
+    """
+    along = laws_at(laws, times)
+    counts = [len(t) for t in times]
+    found = np.empty((4, 6, along.shape[1]))
+    bent = []
+    for path, part in zip(paths, slices(counts), strict=True):
+        if path.direction is None:
+            bent.append((path, part))
+        else:
+            np.multiply(along[:, None, part], path.direction[:, None], out=found[:, :, part])
+    if bent:
+        curved = derivatives_of([path for path, _ in bent], [along[0, part] for _, part in bent])
+        own = slices([part.stop - part.start for _, part in bent])
+        chain(curved[1:], np.concatenate([along[1:, part] for _, part in bent], axis=1))
+        for (path, part), columns in zip(bent, own, strict=True):
+            found[:, :, part] = curved[:, :, columns]
+            found[0, :, part] -= path.start[:, None]
     return found
+
+
+def slices(counts: Sequence[int]) -> list[slice]:
+    """Return which columns belong to each of some things that stand side by side."""
+    ends = [0, *accumulate(counts)]
+    return [slice(first, end) for first, end in pairwise(ends)]
 
 
 def chain(along: Array, law: Array) -> None:

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import cache, cached_property
 from math import factorial, perm
-from typing import Protocol
 
 import numpy as np
 from scipy.interpolate import make_interp_spline
@@ -17,70 +17,60 @@ _DEGREE = 5
 _ORDERS = 4
 """A path is known with its first three derivatives."""
 
+# The derivative of order m of x^p is _FACTORS[p, m] x^_LOWER[p, m].
+_FACTORS = np.array([[[float(perm(p, m))] for m in range(_ORDERS)] for p in range(_DEGREE + 1)])
+_LOWER = np.maximum(np.subtract.outer(np.arange(_DEGREE + 1), np.arange(_ORDERS)), 0)
+
 _KNOTS = 60  # pieces between the samples that the reparametrised spline passes through, at least
 _FINE = 6  # steps of the arc-length integral in each of them
 _NOWHERE = 1e-12  # length up to which a path goes nowhere [s]
-_TURNED = np.array([1.0, -1.0, 1.0, -1.0])[:, None, None]  # of q and its derivatives, on a way back
 
 
-class _Curve(Protocol):
-    """q(s) and its derivatives."""
+class _Curve:
+    """q(s) as a table of its pieces, each a polynomial of s.
 
-    def __call__(self, s: Array, orders: slice) -> Array:
-        """Return some of q and its first three derivatives (K, 6, N) at s (N,)."""
-        ...
-
-
-class _Line:
-    """A straight line through joint space."""
-
-    def __init__(self, start: Array, direction: Array) -> None:
-        self._rows = np.zeros((_ORDERS, 6))
-        self._rows[0], self._rows[1] = start, direction
-
-    def __call__(self, s: Array, orders: slice) -> Array:
-        q = np.repeat(self._rows[orders, :, None], len(s), axis=2)
-        if not orders.start:
-            q[0] += self._rows[1, :, None] * s
-        return q
-
-
-class _Spline:
-    """A quintic spline through values q (M, 6) at increasing s (M,), as a table of its pieces.
-
-    The table (power, order, 6, piece) holds what multiplies the powers of the distance from where
-    a piece begins, for q and its derivatives side by side: one look-up and one Horner scheme serve
-    all of them.
+    Args:
+        table: (power, 6, piece), what multiplies the powers of s - origin.
+        origins: (piece,).
+        inner: s between the pieces, one less than pieces.
     """
 
-    def __init__(self, s: Array, q: Array) -> None:
+    def __init__(self, table: Array, origins: Array, inner: Array) -> None:
+        self.table, self.origins, self._inner = table, origins, inner
+
+    @classmethod
+    def line(cls, start: Array, direction: Array) -> _Curve:
+        """Return a straight line through joint space."""
+        return cls(np.array([start, direction])[:, :, None], np.zeros(1), np.zeros(0))
+
+    @classmethod
+    def spline(cls, s: Array, q: Array) -> _Curve:
+        """Return the quintic spline through values q (M, 6) at increasing s (M,)."""
         spline = make_interp_spline(s, q, k=_DEGREE)
         knots = spline.t[_DEGREE:-_DEGREE]
-        self._begins, self._inner = knots[:-1], knots[1:-1]
-        terms = [spline(self._begins, power).T / factorial(power) for power in range(_DEGREE + 1)]
-        self._table = np.zeros((_DEGREE + 1, _ORDERS, 6, len(self._begins)))
-        for order in range(_ORDERS):
-            for power in range(_DEGREE + 1 - order):
-                self._table[power, order] = perm(power + order, order) * terms[power + order]
+        begins = knots[:-1]
+        table = [spline(begins, power).T / factorial(power) for power in range(_DEGREE + 1)]
+        return cls(np.array(table), begins, knots[1:-1])
 
-    def __call__(self, s: Array, orders: slice) -> Array:
-        piece = self._inner.searchsorted(s, side="right")
-        along = s - self._begins[piece]
-        *lower, q = self._table[:, orders].take(piece, axis=3)
+    def reversed(self, length: float) -> _Curve:
+        """Return the way back along it: q(length - s)."""
+        turned = self.table[:, :, ::-1].copy()
+        turned[1::2] *= -1.0
+        return _Curve(turned, length - self.origins[::-1], length - self._inner[::-1])
+
+    def pieces(self, s: Array) -> Array:
+        """Return in which piece each of s (N,) is."""
+        return self._inner.searchsorted(s, side="right")
+
+    def __call__(self, s: Array) -> Array:
+        """Return q (6, N) at s (N,)."""
+        piece = self.pieces(s)
+        along = s - self.origins[piece]
+        *lower, q = self.table.take(piece, axis=2)
         for term in reversed(lower):
             q *= along
             q += term
         return np.asarray(q)
-
-
-class _Backwards:
-    """A curve, from its end to its beginning."""
-
-    def __init__(self, curve: _Curve, length: float) -> None:
-        self._curve, self._length = curve, length
-
-    def __call__(self, s: Array, orders: slice) -> Array:
-        return np.asarray(self._curve(self._length - s, orders) * _TURNED[orders])
 
 
 class Path:
@@ -93,12 +83,13 @@ class Path:
         length: [s]; 0 for a path that goes nowhere.
         there: the path of which this is the way back, else itself.
         direction: (6,) dq/ds of a straight line in joint space [rad/s], None if it bends.
+        curve: q(s).
     """
 
     def __init__(self, curve: _Curve, length: float, direction: Array | None = None) -> None:
         self.there = self
         self.direction = direction
-        self._curve = curve
+        self.curve = curve
         self.length = length
 
     @classmethod
@@ -107,7 +98,7 @@ class Path:
         length = float(_norm((q_end - q_start) / velocity))
         length = length if length > _NOWHERE else 0.0
         direction = (q_end - q_start) / (length or 1.0)
-        return cls(_Line(q_start, direction), length, direction)
+        return cls(_Curve.line(q_start, direction), length, direction)
 
     @classmethod
     def through(cls, q: Array, velocity: Array) -> Path:
@@ -124,24 +115,25 @@ class Path:
         s = np.concatenate([[0.0], np.cumsum((rate[1:] + rate[:-1]) * (u_step / 2))])
         length = float(s[-1])
         if length <= _NOWHERE:
-            return cls(_Line(q[0], np.zeros(6)), 0.0)
+            return cls(_Curve.line(q[0], np.zeros(6)), 0.0)
         # Both q(u) and s(u) are smooth, and s increases: so is q(s), through its values there.
-        return cls(_Spline(s[::_FINE], values @ q), length)
+        return cls(_Curve.spline(s[::_FINE], values @ q), length)
 
     def reversed(self) -> Path:
         """Return the way back."""
         direction = None if self.direction is None else -self.direction
-        path = Path(_Backwards(self._curve, self.length), self.length, direction)
+        path = Path(self.curve.reversed(self.length), self.length, direction)
         path.there = self.there
         return path
 
     def __call__(self, s: Array, order: int = 0) -> Array:
         """Return the derivative of that order (0 to 3) of q with respect to s: (N,) -> (N, 6)."""
-        return np.ascontiguousarray(self._curve(np.asarray(s), slice(order, order + 1))[0].T)
+        s = np.asarray(s)
+        return np.ascontiguousarray((self.derivatives(s)[order] if order else self.curve(s)).T)
 
     def derivatives(self, s: Array) -> Array:
         """Return q and its first three derivatives with respect to s: (N,) -> (4, 6, N)."""
-        return self._curve(s, slice(None))
+        return derivatives_of([self], [s])
 
     @cached_property
     def start(self) -> Array:
@@ -164,6 +156,29 @@ class Path:
             if widest <= step:
                 return q
             count = int(np.ceil(count * widest / step)) + 1
+
+
+def derivatives_of(paths: Sequence[Path], s: Sequence[Array]) -> Array:
+    """Return q and its first three derivatives with respect to s (4, 6, N) of alike paths.
+
+    All in one pass: there is one look-up in all their tables, and one sum over powers.
+
+    Args:
+        paths: all straight, or all splines.
+        s: (N_k,) of each; N is their sum.
+    """
+    curves = [path.curve for path in paths]
+    firsts = np.cumsum([0, *(len(curve.origins) for curve in curves)]).tolist()
+    pieces = [curve.pieces(x) + k for curve, x, k in zip(curves, s, firsts, strict=False)]
+    piece = np.concatenate(pieces)
+    along = np.concatenate(s) - np.concatenate([curve.origins for curve in curves])[piece]
+    table = np.concatenate([curve.table for curve in curves], axis=2)
+    powers = np.empty((len(table), len(along)))
+    powers[0], powers[1:] = 1.0, along
+    np.multiply.accumulate(powers, axis=0, out=powers)
+    slopes = powers.take(_LOWER[: len(table)], axis=0)
+    slopes *= _FACTORS[: len(table)]
+    return np.asarray(np.einsum("pjn,pon->ojn", table.take(piece, axis=2), slopes))
 
 
 def _norm(x: Array) -> Array:

@@ -7,8 +7,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from kr210_sim.arrays import Array
-from kr210_sim.limits import MotionLimits, about_peaks, around, chain, states, usages
-from kr210_sim.path import Path
+from kr210_sim.limits import MotionLimits, about_peaks, around, chain, slices, states_of, usages
+from kr210_sim.path import Path, derivatives_of
 from kr210_sim.time_law import TimeLaw
 
 _MARGIN = 1.0 - 1e-4  # share of the limits that is used, for what lies between the samples
@@ -50,10 +50,11 @@ def _plain_law(path: Path, limits: MotionLimits) -> TimeLaw:
 def _curved_laws(paths: Sequence[Path], limits: MotionLimits) -> list[TimeLaw]:
     """Return the quickest laws along P paths that bend, compared together."""
     length = np.array([path.length for path in paths])
-    points = [path.derivatives(np.linspace(0.0, path.length, _GRID))[1:] for path in paths]
-    derivatives = np.array(points)  # path, order, joint, point
+    points = [np.linspace(0.0, path.length, _GRID) for path in paths]
+    derivatives = derivatives_of(paths, points)[1:].reshape(3, 6, len(paths), _GRID)
     # Axes: path, choice of speed, share of the acceleration, joint and point of the path.
-    first, second, third = np.abs(derivatives).reshape(len(paths), 3, 1, 1, -1).swapaxes(0, 1)
+    steep = np.abs(derivatives).swapaxes(1, 2)
+    first, second, third = steep.reshape(3, len(paths), 1, 1, -1)
     first = 1 / np.maximum(first, _NONE)
     full = [np.repeat(limit, _GRID) * first for limit in limits.orders]
     second *= first
@@ -68,7 +69,8 @@ def _curved_laws(paths: Sequence[Path], limits: MotionLimits) -> list[TimeLaw]:
     shapes = np.array(np.broadcast_arrays(v, a, j)).reshape(3, len(paths), -1)
     best = np.argmin(_durations(length, shapes, derivatives, limits), axis=1)
     chosen = shapes[:, np.arange(len(paths)), best].T.tolist()
-    return [_fitted(path, (v, a, j), limits) for path, (v, a, j) in zip(paths, chosen, strict=True)]
+    laws = [TimeLaw(path.length, *shape) for path, shape in zip(paths, chosen, strict=True)]
+    return _fitted(paths, laws, limits)
 
 
 def _durations(length: Array, shapes: Array, derivatives: Array, limits: MotionLimits) -> Array:
@@ -77,7 +79,7 @@ def _durations(length: Array, shapes: Array, derivatives: Array, limits: MotionL
     Args:
         length: (P,) of the paths [s].
         shapes: (3, P, n) path limits V, A and J.
-        derivatives: (P, 3, 6, N) of the paths, evenly along each.
+        derivatives: (3, 6, P, N) of the paths, evenly along each.
         limits: of the joints.
 
     Returns:
@@ -92,7 +94,7 @@ def _durations(length: Array, shapes: Array, derivatives: Array, limits: MotionL
     index = np.minimum(at.astype(np.int64), points - 2)
     share = at - index
     index += points * owner
-    rows = derivatives.transpose(1, 2, 0, 3).reshape(3, 6, -1)
+    rows = derivatives.reshape(3, 6, -1)
     used = np.diff(rows, append=0.0).take(index, axis=2)
     used *= share
     used += rows.take(index, axis=2)
@@ -143,18 +145,25 @@ def _before(gains: Array) -> Array:
     return sums
 
 
-def _fitted(path: Path, shape: tuple[float, float, float], limits: MotionLimits) -> TimeLaw:
-    """Return the law within (V, A, J), scaled in time until it touches its tightest limit."""
-    v, a, j = shape
-    law = TimeLaw(path.length, v, a, j)
-    count = max(_SAMPLES, int(np.ceil(law.duration / limits.step)) + 1)
-    t = np.linspace(0.0, law.duration, count)
-    stretch = _stretches(path, law, t, limits)
-    closer = np.concatenate([around(law.changes), about_peaks(t, stretch)])
-    most = max(np.max(stretch), np.max(_stretches(path, law, closer, limits)))
-    return law.slowed(_MARGIN / float(most))
+def _fitted(paths: Sequence[Path], laws: Sequence[TimeLaw], limits: MotionLimits) -> list[TimeLaw]:
+    """Return laws along paths, each scaled in time until it touches its tightest limit."""
+    counts = [max(_SAMPLES, int(np.ceil(law.duration / limits.step)) + 1) for law in laws]
+    times = [np.linspace(0.0, law.duration, count) for law, count in zip(laws, counts, strict=True)]
+    stretches = _stretches(paths, laws, times, limits)
+    closer = [
+        np.concatenate([around(law.changes), about_peaks(t, stretch)])
+        for law, t, stretch in zip(laws, times, stretches, strict=True)
+    ]
+    peaks = _stretches(paths, laws, closer, limits)
+    return [
+        law.slowed(_MARGIN / max(float(np.max(stretch)), float(np.max(peak))))
+        for law, stretch, peak in zip(laws, stretches, peaks, strict=True)
+    ]
 
 
-def _stretches(path: Path, law: TimeLaw, t: Array, limits: MotionLimits) -> Array:
-    """Return how much slower a law must be for the limits of each order (3, N) at times t (N,)."""
-    return np.asarray(usages(states(path, law, t)[1:], limits) ** _ROOTS)
+def _stretches(
+    paths: Sequence[Path], laws: Sequence[TimeLaw], times: Sequence[Array], limits: MotionLimits
+) -> list[Array]:
+    """Return how much slower laws must be for the limits of each order (3, N) at times (N,)."""
+    found = usages(states_of(paths, laws, times)[1:], limits) ** _ROOTS
+    return [found[:, part] for part in slices([len(t) for t in times])]

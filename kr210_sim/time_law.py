@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import copy
+from collections.abc import Sequence
 
 import numpy as np
 from ruckig import InputParameter, Result, Ruckig, RuckigError
 from ruckig import Trajectory as RuckigTrajectory
 
 from kr210_sim.arrays import Array
+
+_PHASES = 9  # rest, seven phases of constant jerk, rest
 
 
 class TimeLaw:
@@ -17,6 +20,9 @@ class TimeLaw:
     Attributes:
         duration: [s].
         changes: times at which the jerk jumps (8,), the last at the end [s].
+        table: (5, 9) position, velocity, acceleration and jerk when a phase of constant jerk
+            begins, and when [s]; the first phase is rest before the start, the last that after
+            the end.
     """
 
     def __init__(self, distance: float, velocity: float, acceleration: float, jerk: float) -> None:
@@ -35,31 +41,51 @@ class TimeLaw:
         profile = law.profiles[0][0]
         self.duration = float(law.duration)
         self.changes = np.concatenate([[0.0], np.cumsum(profile.t)])
-        self._states = np.array([profile.p[:7], profile.v[:7], profile.a[:7], profile.j])
+        self.changes[-1] = self.duration
+        self.table = np.zeros((5, _PHASES))
+        self.table[:4, 1:-1] = profile.p[:7], profile.v[:7], profile.a[:7], profile.j
+        self.table[0, -1] = distance
+        self.table[4, 1:] = self.changes
 
     def slowed(self, share: float) -> TimeLaw:
         """Return the same law in 1 / share of the time."""
         law = copy.copy(self)
         law.duration, law.changes = self.duration / share, self.changes / share
-        law._states = self._states * np.array([[1.0], [share], [share**2], [share**3]])
+        law.table = self.table * np.array([[1.0], [share], [share**2], [share**3], [1.0]])
+        law.table[4, 1:] = law.changes
         return law
 
     def __call__(self, t: Array) -> Array:
         """Return position, velocity, acceleration and jerk (4, N) at times t (N,) [s]."""
-        state, dt = self._since(t)
-        p, v, a, j = state
-        p += dt * (v + dt * (a / 2 + dt * j / 6))
-        v += dt * (a + dt * j / 2)
-        a += dt * j
-        return state
+        return laws_at([self], [t])
 
     def position(self, t: Array) -> Array:
         """Return the position (N,) alone."""
-        (p, v, a, j), dt = self._since(t)
+        (p, v, a, j), dt = _since([self], [t])
         return np.asarray(p + dt * (v + dt * (a / 2 + dt * j / 6)))
 
-    def _since(self, t: Array) -> tuple[Array, Array]:
-        """Return the last state (4, N) at which the jerk jumped, and how long ago (N,) [s]."""
-        t = np.minimum(np.maximum(t, 0.0), self.duration)
-        phase = self.changes[1:-1].searchsorted(t, side="right")
-        return self._states.take(phase, axis=1), t - self.changes[phase]
+
+def laws_at(laws: Sequence[TimeLaw], times: Sequence[Array]) -> Array:
+    """Return position, velocity, acceleration and jerk (4, N) of laws, evaluated in one pass.
+
+    Args:
+        laws: one beside the other.
+        times: (N_k,) of each [s]; N is their sum.
+    """
+    state, dt = _since(laws, times)
+    p, v, a, j = state
+    p += dt * (v + dt * (a / 2 + dt * j / 6))
+    v += dt * (a + dt * j / 2)
+    a += dt * j
+    return state
+
+
+def _since(laws: Sequence[TimeLaw], times: Sequence[Array]) -> tuple[Array, Array]:
+    """Return the last states (4, N) at which jerks jumped, and how long ago (N,) [s]."""
+    phases = [
+        law.changes.searchsorted(t, side="right") + k * _PHASES
+        for k, (law, t) in enumerate(zip(laws, times, strict=True))
+    ]
+    tables = np.concatenate([law.table for law in laws], axis=1)
+    found = tables.take(np.concatenate(phases), axis=1)
+    return found[:4], np.concatenate(times) - found[4]

@@ -9,7 +9,16 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
 from kr210_sim.arrays import Array
-from kr210_sim.limits import MotionLimits, about_peaks, around, shift, states, usages
+from kr210_sim.limits import (
+    MotionLimits,
+    about_peaks,
+    around,
+    shift,
+    slices,
+    states,
+    states_of,
+    usages,
+)
 from kr210_sim.path import Path
 from kr210_sim.path_law import quickest_laws
 from kr210_sim.time_law import TimeLaw
@@ -152,7 +161,14 @@ def time_chains(
     laws_of = quickest_laws(list(alike.values()), limits)
     quickest = dict(zip(alike, laws_of, strict=True))
     laws = [[quickest[id(path.there)] for path in paths] for paths in chains]
-    corners = [list(_corners(*chain, limits)) for chain in zip(chains, laws, strict=True)]
+    corners = [
+        [
+            _Corner(paths[k : k + 2], of_chain[k : k + 2], limits, last=k == len(paths) - 2)
+            for k in range(len(paths) - 1)
+        ]
+        for paths, of_chain in zip(chains, laws, strict=True)
+    ]
+    _round(corners, limits)
     asked = [
         (chain, index, corner)
         for chain, of_chain in enumerate(corners)
@@ -161,8 +177,7 @@ def time_chains(
     while asked := [one for one in asked if one[2].overlap > 0]:
         answers = free([(chain, index, corner.rounded) for chain, index, corner in asked])
         asked = [one for one, is_free in zip(asked, answers, strict=True) if not is_free]
-        for _, _, corner in asked:
-            corner.narrow(int(corner.overlap * _SHRINK))
+        _narrow([(corner, int(corner.overlap * _SHRINK)) for _, _, corner in asked], limits)
     found = []
     for paths, of_chain, own in zip(chains, laws, corners, strict=True):
         changes = [
@@ -173,72 +188,113 @@ def time_chains(
     return found
 
 
-def _corners(
-    paths: Sequence[Path], laws: Sequence[TimeLaw], limits: MotionLimits
-) -> Iterator[_Corner]:
-    """Yield the corners between paths, each rounded as far as the limits hold."""
-    taken = 0.0
-    for index in range(len(paths) - 1):
-        before, after = laws[index : index + 2]
-        # Three motions never overlap at once; the next corner shall have its share as well.
-        last = index == len(paths) - 2
-        most = min(before.duration - taken, after.duration * (1.0 if last else _SHARE))
-        corner = _Corner(paths[index : index + 2], (before, after), int(most / limits.step), limits)
-        taken = limits.step * corner.overlap
-        yield corner
-
-
 class _Corner:
     """Two motions, the second of which begins before the first has ended.
 
     Attributes:
-        overlap: for how many steps at most they overlap while the joint limits hold.
+        paths, laws: of the two.
+        reach: for how many steps they may overlap if no motion before them does.
+        overlap: for how many they do, 0 until it is narrowed.
     """
 
     def __init__(
-        self,
-        paths: Sequence[Path],
-        laws: Sequence[TimeLaw],
-        most: int,
-        limits: MotionLimits,
+        self, paths: Sequence[Path], laws: Sequence[TimeLaw], limits: MotionLimits, *, last: bool
     ) -> None:
-        self._paths, self._laws, self._limits = paths, laws, limits
-        steps = limits.step * np.arange(most + 1)
-        first = states(paths[0], laws[0], laws[0].duration - steps[::-1])
-        second = states(paths[1], laws[1], steps)
-        self._shifts = first[0], second[0]
-        self._used = first[1:] / limits.orders, second[1:] / limits.orders
-        self._hopeful = _hopeful(*self._used)
+        self.paths, self.laws, self._step = paths, laws, limits.step
+        # Three motions never overlap at once; the next corner shall have its share as well.
+        self._share = 1.0 if last else _SHARE
+        self.reach = self.most(0.0)
         self.overlap = 0
-        self.narrow(most)
+
+    def most(self, taken: float) -> int:
+        """Return for how many steps they may overlap if `taken` [s] of the first has done so."""
+        before, after = self.laws
+        return int(min(before.duration - taken, after.duration * self._share) / self._step)
+
+    def steps(self) -> tuple[Array, Array]:
+        """Return the last times (reach + 1,) of the first and the first of the second [s]."""
+        steps = self._step * np.arange(self.reach + 1)
+        return self.laws[0].duration - steps[::-1], steps
+
+    def meet(self, first: Array, second: Array) -> None:
+        """Take the states (4, 6, reach + 1) of both at the `steps`."""
+        self._first, self._second = first, second
+
+    def begin(self, most: int, limits: MotionLimits) -> None:
+        """Have all overlaps before it, of `most` steps at most."""
+        first, second = self._first[1:, :, -1 - most :], self._second[1:, :, : most + 1]
+        self._used = first / limits.orders, second / limits.orders
+        self._hopeful = _hopeful(*self._used)
 
     @property
     def rounded(self) -> Array:
         """The configurations (N, 6) while they overlap, step by step [rad]."""
-        there = _meeting(*self._shifts, self.overlap)
-        return np.asarray(self._paths[0].start + there.T)
+        there = _meeting(self._first[0], self._second[0], self.overlap)
+        return np.asarray(self.paths[0].start + there.T)
 
-    def narrow(self, most: int) -> None:
-        """Go on to the next overlap that holds the limits and is not wider than `most` steps."""
+    def narrow(self, most: int) -> bool:
+        """Go on to the next overlap, of `most` steps at most, whose steps hold the limits."""
         for overlap in self._hopeful:
-            self.overlap = overlap
-            if overlap <= most and self._holds():
-                return
+            if overlap <= most:
+                used = np.max(np.abs(_meeting(*self._used, overlap)), axis=1)
+                if np.max(used) <= 1.0:
+                    self.overlap, self._at_steps = overlap, used
+                    return True
         self.overlap = 0
+        return False
 
-    def _holds(self) -> bool:
-        """Tell whether the limits hold step by step, between the steps, and where a jerk jumps."""
-        used = np.max(np.abs(_meeting(*self._used, self.overlap)), axis=1)
-        if np.max(used) > 1.0:
-            return False
-        before, after = self._laws
-        start = before.duration - self._limits.step * self.overlap
+    def instants(self) -> tuple[Array, Array]:
+        """Return when to look between the steps and where a jerk jumps, in the time of each [s]."""
+        before, after = self.laws
+        start = before.duration - self._step * self.overlap
         jumps = around(np.concatenate([before.changes, start + after.changes]))
-        steps = start + self._limits.step * np.arange(used.shape[1])
-        t = np.concatenate([jumps, about_peaks(steps, used)])
+        steps = start + self._step * np.arange(self._at_steps.shape[1])
+        t = np.concatenate([jumps, about_peaks(steps, self._at_steps)])
         t = t[(t > start) & (t < before.duration)]
-        total = states(self._paths[0], before, t) + states(self._paths[1], after, t - start)
-        return bool(np.max(usages(total[1:], self._limits), initial=0.0) <= 1.0)
+        return t, t - start
+
+
+def _round(chains: Sequence[Sequence[_Corner]], limits: MotionLimits) -> None:
+    """Round the corners of chains as far as the limits hold, one after the other in each."""
+    every = [corner for corners in chains for corner in corners]
+    if every:
+        both = _moving(every, [corner.steps() for corner in every])
+        for corner, (first, second) in zip(every, both, strict=True):
+            corner.meet(first, second)
+    for k in range(max(map(len, chains), default=0)):
+        asked = []
+        for corners in chains:
+            if k < len(corners):
+                most = corners[k].most(limits.step * corners[k - 1].overlap if k else 0.0)
+                corners[k].begin(most, limits)
+                asked.append((corners[k], most))
+        _narrow(asked, limits)
+
+
+def _narrow(asked: Sequence[tuple[_Corner, int]], limits: MotionLimits) -> None:
+    """Narrow corners to the next overlap that holds the limits and is not above what is asked."""
+    while asked := [(corner, most) for corner, most in asked if corner.narrow(most)]:
+        corners = [corner for corner, _ in asked]
+        both = _moving(corners, [corner.instants() for corner in corners])
+        asked = [
+            one
+            for one, (first, second) in zip(asked, both, strict=True)
+            if np.max(usages(first[1:] + second[1:], limits), initial=0.0) > 1.0
+        ]
+
+
+def _moving(
+    corners: Sequence[_Corner], times: Sequence[tuple[Array, Array]]
+) -> list[tuple[Array, Array]]:
+    """Return the states (4, 6, N) of both motions of corners, each at its own times (N,) [s]."""
+    paths = [path for corner in corners for path in corner.paths]
+    laws = [law for corner in corners for law in corner.laws]
+    found = states_of(paths, laws, [t for both in times for t in both])
+    parts = slices([len(t) for both in times for t in both])
+    return [
+        (found[:, :, first], found[:, :, second])
+        for first, second in zip(parts[::2], parts[1::2], strict=True)
+    ]
 
 
 def _meeting(first: Array, second: Array, overlap: int) -> Array:
