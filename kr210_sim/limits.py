@@ -102,8 +102,8 @@ def states_of(paths: Sequence[Path], laws: Sequence[TimeLaw], times: Sequence[Ar
         own = slices([part.stop - part.start for _, part in bent])
         chain(curved[1:], np.concatenate([along[1:, part] for _, part in bent], axis=1))
         for (path, part), columns in zip(bent, own, strict=True):
+            curved[0, :, columns] -= path.start[:, None]
             found[:, :, part] = curved[:, :, columns]
-            found[0, :, part] -= path.start[:, None]
     return found
 
 
@@ -149,8 +149,8 @@ def about_peaks(t: Array, values: Array) -> Array:
     """
     framed = np.full((len(values), len(t) + 2), -np.inf)
     framed[:, 1:-1] = values
-    row, column = np.nonzero(values > _PEAK * np.max(values))
-    before, value, after = (framed[row, column + k] for k in range(3))
-    peak = (value >= before) & (value >= after) & (2 * value - before - after > _FLAT)
-    about = (t[column[peak], None] + (t[1] - t[0]) * _ASIDE).ravel()
+    before, after = framed[:, :-2], framed[:, 2:]
+    peak = (values > _PEAK * np.max(values)) & (values >= before) & (values >= after)
+    peak &= 2 * values - before - after > _FLAT
+    about = (t[np.nonzero(peak)[1], None] + (t[1] - t[0]) * _ASIDE).ravel()
     return np.asarray(about[(about > t[0]) & (about < t[-1])])

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Sequence
+from itertools import accumulate
 
 import numpy as np
 from ruckig import InputParameter, Result, Ruckig, RuckigError
@@ -39,20 +40,27 @@ class TimeLaw:
         if result not in (Result.Working, Result.Finished):
             raise ValueError(f"ruckig finds no time law: {result}")
         profile = law.profiles[0][0]
-        self.duration = float(law.duration)
-        self.changes = np.concatenate([[0.0], np.cumsum(profile.t)])
-        self.changes[-1] = self.duration
-        self.table = np.zeros((5, _PHASES))
-        self.table[:4, 1:-1] = profile.p[:7], profile.v[:7], profile.a[:7], profile.j
-        self.table[0, -1] = distance
-        self.table[4, 1:] = self.changes
+        self._tabulate(
+            np.array(
+                [
+                    [0.0, *profile.p[:7], distance],
+                    [0.0, *profile.v[:7], 0.0],
+                    [0.0, *profile.a[:7], 0.0],
+                    [0.0, *profile.j, 0.0],
+                    [0.0, *accumulate(profile.t, initial=0.0)],
+                ]
+            )
+        )
+
+    def _tabulate(self, table: Array) -> None:
+        """Become the law of such a table."""
+        self.table, self.changes = table, table[4, 1:]
+        self.duration = float(table[4, -1])
 
     def slowed(self, share: float) -> TimeLaw:
         """Return the same law in 1 / share of the time."""
         law = copy.copy(self)
-        law.duration, law.changes = self.duration / share, self.changes / share
-        law.table = self.table * np.array([[1.0], [share], [share**2], [share**3], [1.0]])
-        law.table[4, 1:] = law.changes
+        law._tabulate(self.table * np.array([1.0, share, share**2, share**3, 1 / share])[:, None])
         return law
 
     def __call__(self, t: Array) -> Array:

@@ -221,7 +221,7 @@ class _Corner:
         self._first, self._second = first, second
 
     def begin(self, most: int, limits: MotionLimits) -> None:
-        """Have all overlaps before it, of `most` steps at most."""
+        """Start over with all overlaps of up to `most` steps."""
         first, second = self._first[1:, :, -1 - most :], self._second[1:, :, : most + 1]
         self._used = first / limits.orders, second / limits.orders
         self._hopeful = _hopeful(*self._used)
