@@ -13,12 +13,9 @@ from kr210_sim.arrays import Array
 from kr210_sim.criteria import CLEARANCE_CAP
 from kr210_sim.legs import Hand, Question
 from kr210_sim.looks import Eyes
+from kr210_sim.pairs import TOLERANCE
 from kr210_sim.scene import Scene, Target
 from kr210_sim.simulation import Simulation
-
-TOLERANCE = 1e-3
-"""What is looked at keeps this much more than the clearance [m], so that steps have a least length;
-a path that keeps it everywhere is never refused."""
 
 _GAUGE = 3e-3
 """Uncertainty of a clearance that is measured [m]."""

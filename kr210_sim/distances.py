@@ -11,9 +11,6 @@ from numpy.typing import NDArray
 from kr210_sim.arrays import Array
 
 _DEEP = 1e6  # how far a plane reaches down and sideways [m]
-_WORTHWHILE = 0.02
-"""A lower bound this much above what is required is as good as the distance [m]."""
-
 Bounds: TypeAlias = tuple[NDArray[np.int64], NDArray[np.int64], Array, Array]
 """Rows of configurations (n,), pairs (n,) by their row in `geoms`, lower bounds (n,) [m], and
 directions (n, 3) from the second to the first, along which they are that far apart."""
@@ -140,16 +137,16 @@ class GeomPairs:
         bound = np.where(distance > 0.0, distance, -np.inf)
         return row.take(keep), pair.take(keep), bound, direction
 
-    def sharpen(self, found: Bounds, required: Array, posed: Array) -> None:
-        """Replace lower bounds that are not far above what is required by what is so, in place.
+    def sharpen(self, found: Bounds, limit: Array, posed: Array) -> None:
+        """Replace lower bounds by distances where they are less than a limit, in place.
 
         Args:
             found: by `bounds`.
-            required: (n,) of each of these pairs [m].
+            limit: (n,) for each of these pairs [m].
             posed: (B, 3, M, 5), by `posed`.
         """
         rows, pairs, bounds, directions = found
-        asked = (bounds < required + _WORTHWHILE).nonzero()[0]
+        asked = (bounds < limit).nonzero()[0]
         asked = asked[rows[asked].argsort(kind="stable")]
         geoms = self.geoms[pairs[asked]].tolist()
         ends = np.zeros((len(asked), 6))

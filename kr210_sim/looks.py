@@ -13,11 +13,15 @@ from kr210_sim import pairs
 from kr210_sim.arrays import Array
 from kr210_sim.chain import Chain
 from kr210_sim.distances import GeomPairs
-from kr210_sim.pairs import BASE, FIXED, FIXTURE, GROUPS, HAND, NEAR, NEAR_SELF, Seen
+from kr210_sim.pairs import BASE, FIXED, FIXTURE, GROUPS, HAND, NEAR, NEAR_SELF, TOLERANCE, Seen
 from kr210_sim.scene import ROBOT_PREFIX, Scene, Target
 from kr210_sim.simulation import Simulation
 
 _STILL = np.eye(4)
+_WORTHWHILE = np.full(pairs.TOGETHER + 1, 0.02)
+_WORTHWHILE[pairs.TOGETHER] = TOLERANCE
+"""A lower bound this much above what is required is as good as the distance [m], by group of pairs:
+of what does not move against each other, only whether it is too near counts."""
 _CORNERS = np.array(list(product((-1.0, 1.0), repeat=3)))
 
 
@@ -123,13 +127,15 @@ class Eyes:
         counts = kind != pairs.IGNORED
         row, pair, distance, direction = (x[counts] for x in bounds)
         kind = kind[counts]
-        self._pairs.sharpen((row, pair, distance, direction), required[row, kind], posed)
+        group = self._pair[hands[row], pair]
+        limit = required[row, kind] + _WORTHWHILE[group]
+        self._pairs.sharpen((row, pair, distance, direction), limit, posed)
         mover = self._mover[pair]
         return {
             "row": row,
             "geoms": self._pairs.geoms[pair],
             "kind": kind,
-            "pair": self._pair[hands[row], pair],
+            "pair": group,
             "distance": distance,
             "direction": self._sign[pair] * direction,
             "spot": self._pairs.positions(posed, row, mover),

@@ -13,6 +13,10 @@ from kr210_sim.arrays import Array
 from kr210_sim.criteria import CLEARANCE_CAP
 from kr210_sim.legs import Hand
 
+TOLERANCE = 1e-3
+"""What is looked at keeps this much more than the clearance [m], so that steps have a least length;
+a path that keeps it everywhere is never refused."""
+
 SELF_CLEARANCE = 0.002
 """Kept between links of the robot itself [m]; neighbours of neighbours are always close."""
 
@@ -43,13 +47,13 @@ _PAIRS = np.array(
 are always near; that of base and link 1 is seen at each configuration looked at, and only there."""
 
 WITHIN = HAND - 1  # first of the pairs within the robot
-_TOGETHER = len(_PAIRS)  # stands for pairs that do not move against each other, or may touch
+TOGETHER = len(_PAIRS)  # stands for pairs that do not move against each other, or may touch
 _HAND = HAND - 2  # the row of the hand and what is fixed
 _LEAST = 1e-6  # [m]
 _FURTHER = _PAIRS[:, 1] - 2  # the moving group further down the arm, by its row in `reach`
 _ONE, _OTHER = _PAIRS[WITHIN:].T - 1  # groups by their rows in `Seen.centers`
 _BETWEEN = (_JOINTS >= _PAIRS[:, :1] - 1) & (_JOINTS < _PAIRS[:, 1:] - 1)
-_BETWEEN = np.where(np.arange(_TOGETHER)[:, None] == _HAND, 0.0, _BETWEEN)  # see `_HandRoom`
+_BETWEEN = np.where(np.arange(TOGETHER)[:, None] == _HAND, 0.0, _BETWEEN)  # see `_HandRoom`
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -60,7 +64,7 @@ class Seen:
         row: (n,) index of the configuration at which two geoms are near each other.
         geoms: (n, 2) these two.
         kind: (n,) one of IGNORED, SELF, FREE.
-        pair: (n,) row of `_PAIRS`, or `_TOGETHER`.
+        pair: (n,) row of `_PAIRS`, or `TOGETHER`.
         distance: (n,) between them [m].
         direction: (n, 3) along which they are that far apart, to the one that the hand carries
             or is.
@@ -110,10 +114,10 @@ def _tables(hand: Hand) -> tuple[NDArray[np.int8], NDArray[np.int8]]:
         kind[(low == FINGER) & (high == TARGET)] = IGNORED
     if hand is Hand.LIFTING:
         kind[(low == TARGET) & (high == SUPPORT)] = IGNORED
-    rows = np.full((GROUPS, GROUPS), _TOGETHER, dtype=np.int8)
+    rows = np.full((GROUPS, GROUPS), TOGETHER, dtype=np.int8)
     one, other = _PAIRS.T
-    rows[one, other] = rows[other, one] = np.arange(_TOGETHER)
-    return kind, np.where(kind == IGNORED, _TOGETHER, rows[group[:, None], group])
+    rows[one, other] = rows[other, one] = np.arange(TOGETHER)
+    return kind, np.where(kind == IGNORED, TOGETHER, rows[group[:, None], group])
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -205,13 +209,13 @@ def room(seen: Seen, excess: Array, clearance: Array, *, within: bool = True) ->
     from_axis = np.sqrt(np.maximum(squared - along * along, 0.0))
     reach = from_axis + seen.radii[:, 1:, None]
     # What is not reported is farther than the margins; links are farther than their balls, too.
-    least = np.empty((len(reach), _TOGETHER + 1))
+    least = np.empty((len(reach), TOGETHER + 1))
     least[:] = (NEAR - clearance)[:, None]
     between = seen.centers.take(_ONE, axis=1) - seen.centers.take(_OTHER, axis=1)
     gaps = np.sqrt(np.einsum("bpx,bpx->bp", between, between))
     gaps -= seen.radii.take(_ONE, axis=1) + seen.radii.take(_OTHER, axis=1)
     gaps -= np.maximum(clearance, SELF_CLEARANCE)[:, None]
-    least[:, WITHIN:_TOGETHER] = np.maximum(NEAR_SELF - SELF_CLEARANCE, gaps)
+    least[:, WITHIN:TOGETHER] = np.maximum(NEAR_SELF - SELF_CLEARANCE, gaps)
     np.minimum.at(least, (seen.row, seen.pair), excess)
     rows = (reach.take(_FURTHER, axis=1) / least[:, :-1, None] + 1.0) * _BETWEEN
     if not within:
