@@ -66,6 +66,7 @@ def test_the_verdict_comes_first_with_what_it_proves(page_of_three):
     assert body.index("✗ Failed") < body.index("Failures by first cause") < body.index("Plots")
     assert "1 of 3 proves a success rate between 0.8 and 90.6 % with 95 % confidence" in body
     assert "success rate, at least 90 % 33.3 % missed" in body
+    assert "95 % interval 0.8 to 90.6 %, exact" in body  # rounded outwards, as in the sentence
 
 
 def test_failures_stand_by_first_cause_with_time_stage_and_what_happened(page_of_three):

@@ -10,6 +10,7 @@ from markupsafe import Markup, escape
 
 from kr210_sim.plots.theme import COLOURS
 from kr210_sim.record import stage_label
+from kr210_sim.stats import in_percent
 
 DASH = "\N{EN DASH}"
 """Stands where there is no value."""
@@ -37,6 +38,7 @@ def _environment() -> Environment:
     environment.filters |= {
         "number": number,
         "percent": percent,
+        "bounds": lambda pair: in_percent(*pair),
         "stage": stage_words,
         "with_code": with_code,
     }
