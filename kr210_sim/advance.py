@@ -14,9 +14,13 @@ from kr210_sim.arrays import Array
 _AT_ONCE = 64
 """Configurations looked at together, at most: fewer calls, but more of them than needed."""
 
-_PARTS, _PARTS_WITHOUT_CHOICE = 3, 5
-"""Configurations of each path looked at to begin with. Several paths that must all be free, with
-nothing to choose from, mostly are."""
+_PARTS = 3
+"""Configurations of a path looked at to begin with, if it is one to choose from or asked for alone:
+coarse, for it is often blocked."""
+
+_SPACING, _MOST_SPACED = 0.15, 9
+"""Travel of all joints between such configurations [rad], and how many there are at most, where
+several paths must all be free: then each mostly is."""
 
 _MOST_PARTS, _MOST_PARTS_ALONE = 6, 2
 """Configurations looked at next in a stretch that is not yet proved, at most: more calls are saved
@@ -99,8 +103,10 @@ def advance_each(
     free = np.ones(len(paths), dtype=bool)
     first = _first(free, choice)
     most = _MOST_PARTS if len(paths) > 1 else _MOST_PARTS_ALONE
-    coarse = _PARTS_WITHOUT_CHOICE if len(paths) > 1 and first.all() else _PARTS
-    parts = np.where((count > 1) & first, coarse, 1)
+    parts = np.where((count > 1) & first, _PARTS, 1)
+    if len(paths) > 1:
+        spaced = np.ceil(lines.travel(begin, last) / _SPACING).clip(1, _MOST_SPACED)
+        parts = np.where(np.bincount(choice)[choice] == 1, spaced, parts).astype(np.int64)
     waiting, owner = _divided(begin, last, parts, np.arange(len(paths)))
     urgent = np.zeros(len(owner), dtype=bool)
     while True:
@@ -194,6 +200,10 @@ class _Lines:
     def at(self, position: Array) -> Array:
         """Return the configurations (B, 6) at positions (B,) in [0, N - 1]."""
         return np.ascontiguousarray(self._at(position)[:6].T)
+
+    def travel(self, begin: NDArray[np.int64], end: NDArray[np.int64]) -> Array:
+        """Return how far all joints together travel between points [rad]."""
+        return np.asarray((self._both[6:, end] - self._both[6:, begin]).sum(axis=0))
 
     def reached(self, middle: Array, ends: Array, room: Room, counts: NDArray[np.bool_]) -> Array:
         """Return how far the room around looks proves the lines towards both ends (2, B).
