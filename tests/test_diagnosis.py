@@ -271,7 +271,7 @@ def test_every_key_has_a_section():
     mistakes = [*arm_mistakes(ik.KR210, 0.303, 0.11), *wrist_mistakes(ik.KR210), *units()]
     keys = {mistake.key for mistake in mistakes}
     keys |= set().union(*ALONE.values(), *PAIRS.values())
-    keys |= {"shoulder_branch", "unexplained"}
+    keys |= {"shoulder_branch", "unexplained", "rounding"}
     assert set(re.findall(r"^## (\w+)$", PAGE.read_text(), re.MULTILINE)) == keys
     for key in keys:
         found = advice(key)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import importlib.util
 import inspect
 import json
-from math import atan2, hypot, pi
+from math import acos, atan2, hypot, pi
 from pathlib import Path
 from types import ModuleType
 
@@ -307,6 +307,70 @@ def test_a_mistake_is_told_where_and_named_where_it_is_known(name, function, tex
     assert key in keys if key else not keys
     assert found["page"] in found["text"]
     assert f"  asked      {name}(" in found["text"]
+
+
+def triangle(*, side=SOLVED.FOREARM, sag=SOLVED.SAG, quarter=pi / 2):
+    """Return the function of page 6 with numbers as a learner may have written them."""
+
+    def first_three(center):
+        x, y, z = center
+        ahead, up = hypot(x, y) - 0.35, z - 0.75
+        reach = hypot(ahead, up)
+        A = acos((1.25**2 + reach**2 - side**2) / (2 * 1.25 * reach))
+        B = acos((1.25**2 + side**2 - reach**2) / (2 * 1.25 * side))
+        return atan2(y, x), quarter - A - atan2(up, ahead), quarter - (B + sag)
+
+    return first_three
+
+
+SIDE, SAG = (
+    "side from axis 3 to the wrist center is 1.501 instead of 1.500972",
+    "sag angle is 0.036 instead of 0.03598446",
+)
+
+
+@pytest.mark.parametrize(
+    ("numbers", "named"),
+    [
+        ({"side": 1.501, "sag": 0.036}, f"The {SIDE} and the {SAG}: with that"),
+        ({"sag": 0.036}, f"The {SAG}: with that"),
+        ({"sag": 0.04}, "The sag angle is 0.04 instead of 0.03598446: with that"),
+        ({"quarter": 1.57}, "Pi/2 is 1.57 instead of 1.570796: with that"),
+        (
+            {"side": hypot(1.5005, 0.054), "sag": atan2(0.054, 1.5005)},
+            "The length d4 is 1.5005 instead of 1.5: with that",
+        ),
+    ],
+)
+def test_a_rounded_number_is_named_where_it_explains_every_case(numbers, named, asked):
+    found = asked("first_three", triangle(**numbers))
+    (diagnosis,) = found["diagnoses"]
+    assert diagnosis["key"] == "rounding"
+    assert diagnosis["text"].startswith(named)
+    assert "in all of 24 answers" in diagnosis["text"]
+    assert asked("first_three", triangle())["diagnoses"] == []
+
+
+def test_no_number_is_named_where_rounding_is_not_all(asked):
+    """Noise as large as that of rounded lengths, and one answer that rounding does not explain."""
+    rng, rounded = np.random.default_rng(0), triangle(side=1.501, sag=0.036)
+    noisy = asked("first_three", lambda c: triangle()(c) + rng.normal(0, 1e-5, 3))
+    apart = asked("first_three", lambda c: np.add(rounded(c), (1e-4 * (c[0] > 1.8), 0, 0)))
+    for found in (noisy, apart):
+        assert not found["passed"]
+        assert found["diagnoses"] == []
+
+
+def test_rounding_and_whole_turns_are_both_told(asked):
+    def solve(T_0_gripper, q_start):
+        angles = np.array(spinning(T_0_gripper, q_start))
+        centers = [SOLVED.wrist_center(SOLVED.dh_pose(T)) for T in T_0_gripper]
+        right, off = (np.array([f(c) for c in centers]) for f in (triangle(), triangle(sag=0.036)))
+        angles[:, :3] += off - right
+        return angles
+
+    keys = [item["key"] for item in asked("solve", solve)["diagnoses"]]
+    assert keys[:2] == ["rounding", "turn_jumps"]  # some of them lead beyond limits
 
 
 def test_numbers_beyond_all_bounds_are_wrong_and_do_no_harm(asked, robot):

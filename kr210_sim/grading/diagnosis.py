@@ -191,6 +191,9 @@ _STEP_TEXTS = {
     "shoulder_branch": "The answers change to the other shoulder on the way",
 }
 
+OF_THE_WAY = (*_STEP_TEXTS, "beyond_limits")
+"""Keys of what is wrong with the way from answer to answer, however right each answer is."""
+
 
 def _steps(steps: Sequence[Step], count: int, names: Sequence[str]) -> list[Diagnosis]:
     """Return diagnoses of needless steps, out of count, in legs of these names."""

@@ -15,10 +15,11 @@ from kr210_sim.arrays import Array
 from kr210_sim.exceptions import BadInput
 from kr210_sim.grading import exercise_cases as asked
 from kr210_sim.grading import judges
-from kr210_sim.grading.diagnosis import diagnose
+from kr210_sim.grading.diagnosis import OF_THE_WAY, diagnose
 from kr210_sim.grading.exercise_cases import Case, Cases
 from kr210_sim.grading.findings import Finding, Refused
 from kr210_sim.grading.process import SolverProcess
+from kr210_sim.grading.rounding import rounding
 from kr210_sim.grading.source import SolverLimits, SolverSource
 from kr210_sim.robot import Robot
 
@@ -336,7 +337,11 @@ def _diagnoses(
     # A part of an answer may be right in a branch that is not within limits.
     lower, upper = (robot.lower, robot.upper) if exercise.any_shape else (-_FREE, _FREE)
     found = diagnose(legs, lower, upper, arm=robot.geometry, names=names)
-    return [item.as_json() for item in found if item.key != "unexplained"]
+    found = [item for item in found if item.key != "unexplained"]
+    # It explains every answer far better than a mistake that is told apart at 1 mm.
+    if fitted := rounding([(T, q) for T, _, q in legs], robot.geometry, judges.TOLERANCE):
+        found = [fitted, *(item for item in found if item.key in OF_THE_WAY)]
+    return [item.as_json() for item in found]
 
 
 def step_text(exercise: Exercise, found: dict[str, Any]) -> str:
