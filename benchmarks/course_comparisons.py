@@ -138,7 +138,7 @@ def turns(cycles: int, seed: int) -> None:
         "axes 4 to 6, travel [rad]": [
             f"{c['figures']['wrist_travel_rad']:.1f}" for c in graded.values()
         ],
-        "whole turns": [str(c["figures"]["turns"]) for c in graded.values()],
+        "needless whole turns": [str(c["figures"]["turns"]) for c in graded.values()],
         f"cycle time, mean of {common.sum()} [s]": [
             f"{values[common].mean():.2f}" for values in times.values()
         ],

@@ -77,9 +77,12 @@ def test_an_error_of_a_joint_is_an_angle(robot, q):
 def test_jumps_turns_and_limits_are_counted(robot, q):
     poses = ik.forward(robot.geometry, q)
     turned = q.copy()
-    turned[10:, 5] -= 2 * np.pi
+    turned[10:, 5] += 2 * np.pi
     mark = mark_leg(robot, leg_of(robot, turned, poses))
     assert (mark.turns.sum(), mark.jumps.sum()) == (1, 0)
+    beyond = q + 4 * np.pi * np.eye(6)[5]  # two turns at once, but there is no such angle
+    figures = summarize_marks([mark_leg(robot, leg_of(robot, beyond, poses))])
+    assert (figures["turns"], figures["beyond_limits"]) == (0, len(q))
     flipped = q.copy()
     flipped[10:] = q[10:] * [1, 1, 1, 1, -1, 1] + [0, 0, 0, np.pi, 0, np.pi]
     mark = mark_leg(robot, leg_of(robot, flipped, poses))

@@ -148,9 +148,40 @@ def test_every_pose_has_a_row_and_what_is_wrong_with_it(folder, mistaken):
     found = section(parsed(folder / "anna__IK server" / "grade.html"), "poses")
     rows = [text_of(e) for e in found.iter(f"{HTML}tr") if e.find(f"{HTML}td") is not None]
     assert len(rows) == len(mistaken["poses"]) == 4 * 24
-    turned = [row for row in rows if row.endswith("1 whole turn.")]
+    turned = [row for row in rows if row.endswith("1 needless whole turn.")]
     assert len(turned) == sum(pose["turns"] == 1 for pose in mistaken["poses"]) > 0
     assert rows[0].startswith("0 0.110 ")
+
+
+def test_page_terminal_diagnosis_and_json_count_the_same_turns(scene, tmp_path):
+    """Of turns too far, of two joints at once, and of answers beyond limits."""
+    path = tmp_path / "turning.py"
+    path.write_text(
+        f"import sys; sys.path.insert(0, {str(MISTAKEN.parent)!r})\n"
+        "import numpy as np, mistaken_solvers as known\n"
+        "def solve(T, q_start):\n"
+        "    q = known.right(T, q_start)\n"
+        "    turned = q[3:, [3, 5]]\n"
+        "    q[3:, [3, 5]] -= 2 * np.pi * np.sign(turned)\n"
+        "    q[5, 0] += 4 * np.pi\n"
+        "    return q\n"
+    )
+    content = drawn_grade(scene, path)
+    turns = content["figures"]["turns"]
+    assert turns == sum(pose["turns"] for pose in content["poses"]) >= 3
+    assert max(pose["turns"] for pose in content["poses"]) == 2
+    (diagnosis,) = (item for item in content["diagnoses"] if item["key"] == "turn_jumps")
+    assert f": {turns} in {len(content['poses'])} steps;" in diagnosis["text"]
+    beyond = content["figures"]["beyond_limits"]
+    assert beyond >= 2
+    joints = f"{beyond} answers beyond limits, 0 branch jumps, {turns} needless whole turns"
+    assert joints in grade_text(content)
+    written = tmp_path / "grade.html"
+    written.write_text(grade_page(content))
+    text = " ".join(text_of(parsed(written)).split())
+    assert f"change branch, and {turns} whole turns are made that need not be" in text
+    assert f"whole turns that need not be {turns} 0" in text
+    assert text.count("1 needless whole turn.") + 2 * text.count("2 needless whole turns.") == turns
 
 
 @pytest.mark.usefixtures("_without_plots")

@@ -203,7 +203,7 @@ def _steps(steps: Sequence[Step], count: int, names: Sequence[str]) -> list[Diag
         if of_kind:
             worst = max(of_kind, key=lambda step: step.moved - step.needed)
             evidence = (
-                f"{len(of_kind)} of {count} steps; most at pose {worst.pose} of "
+                f"{len(of_kind)} in {count} steps; most at pose {worst.pose} of "
                 f"{names[worst.leg]}, where joint {worst.joint} moves {worst.moved:.2f} rad and "
                 f"{worst.needed:.2f} rad would do"
             )

@@ -153,7 +153,7 @@ def _counts(content: Mapping[str, Any]) -> Iterable[tuple[str, str, str]]:
     yield "random poses within 1 mm", str(probes["within_1_mm"]), str(probes["asked"])
     yield "answers beyond joint limits", str(figures["beyond_limits"]), "0"
     yield "branch jumps that the best path does not make", str(figures["branch_jumps"]), "0"
-    yield "whole turns between neighbours", str(figures["turns"]), "0"
+    yield "whole turns that need not be", str(figures["turns"]), "0"
     way, least = figures["wrist_travel_rad"], figures["wrist_travel_optimum_rad"]
     yield "way of axes 4 to 6 [rad]", number(way), number(least)
 

@@ -11,11 +11,11 @@ import numpy as np
 import ik
 from kr210_sim.arrays import Array
 from kr210_sim.grading.foreign import Asked
+from kr210_sim.grading.steps import TURN, beyond_limits, needless_turns
 from kr210_sim.robot import Robot
 from kr210_sim.stats import spread
 from kr210_sim.tracks import BRANCH_JUMP
 
-_TURN = 2 * np.pi
 _SPREADS = ("mean", "p95", "max")
 
 
@@ -45,7 +45,7 @@ class LegMarks:
         wrist_error: (n, 3) reached minus requested wrist center, base frame [m].
         beyond_limits: (n, 6) whether a joint is beyond its limits.
         jumps: (n,) whether the step to this answer changes branch.
-        turns: (n,) whole turns in the step to this answer, all joints together; 0 without a step.
+        turns: (n,) needless whole turns in the step to this answer, all joints together.
         wrist_travel: way of joints 4 to 6 [rad], and `wrist_optimum` the least there is.
         wrist_optimum: of the quickest joint path through the same poses [rad].
     """
@@ -69,11 +69,11 @@ def mark_leg(robot: Robot, leg: Leg) -> LegMarks:
     reached = ik.forward(robot.geometry, q)
     chord = np.linalg.norm(reached[:, :3, :3] - wanted[:, :3, :3], axis=(1, 2)) / np.sqrt(8.0)
     step = np.diff(q, axis=0, prepend=asked.q_start[None])
-    turns = np.round(step / _TURN)
+    needless = needless_turns(robot.lower, robot.upper, asked.q_start, q)
     optimum = _optimum(robot, asked)
     needed = np.abs(np.diff(optimum.q, axis=0, prepend=asked.q_start[None]))[: len(q)]
     # A step that is large apart from turns, and larger than the best way through these poses has.
-    moved = np.max(np.abs(step - _TURN * turns), axis=1, initial=0.0)
+    moved = np.max(np.abs(step - TURN * np.round(step / TURN)), axis=1, initial=0.0)
     jumps = (moved > BRANCH_JUMP) & ~(2 * np.max(needed, axis=1, initial=0.0) > moved)
     return LegMarks(
         leg=leg,
@@ -81,9 +81,9 @@ def mark_leg(robot: Robot, leg: Leg) -> LegMarks:
         angle_error=2 * np.arcsin(np.minimum(1.0, chord)),
         wrist_error=ik.wrist_center(robot.geometry, reached)
         - ik.wrist_center(robot.geometry, wanted),
-        beyond_limits=(q < robot.lower - 1e-9) | (q > robot.upper + 1e-9),
+        beyond_limits=beyond_limits(q, robot.lower, robot.upper) > 0.0,
         jumps=jumps,
-        turns=np.nansum(np.abs(turns), axis=1),
+        turns=np.array([sum(turn.pose == pose for turn in needless) for pose in range(len(q))]),
         wrist_travel=float(np.nansum(np.abs(step[:, 3:]))),
         wrist_optimum=float(np.nansum(np.abs(needed[:, 3:]))),
     )

@@ -97,7 +97,7 @@ def _figures(figures: Mapping[str, Any], probes: Mapping[str, Any]) -> list[str]
         f"{_spread(figures['angle_error_rad'], 'rad')}",
         f"wrist center   {_spread(figures['wrist_center_error_m'], 'm')}",
         f"joints         {figures['beyond_limits']} answers beyond limits, "
-        f"{figures['branch_jumps']} branch jumps, {figures['turns']} whole turns",
+        f"{figures['branch_jumps']} branch jumps, {figures['turns']} needless whole turns",
         f"axes 4 to 6    travel {travel:.1f} rad, the least possible is {optimum:.1f}",
         f"all around     {probes['within_1_mm']} of {probes['asked']} random poses within 1 mm",
     ]

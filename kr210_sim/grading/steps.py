@@ -55,14 +55,22 @@ def needless_steps(
         q: (N, 6) the answers; a row of NaN is passed over.
         leg: for the steps that are returned.
     """
-    rows = np.flatnonzero(np.all(np.isfinite(q), axis=1))
-    if not len(rows):
-        return []
-    path = np.concatenate([q_start[None], q[rows]])
-    before, after = path[:-1], path[1:]
+    before, after, rows = _pairs(q_start, q)
+    turns = needless_turns(lower, upper, q_start, q, leg=leg)
+    return turns + _changes(arm, lower, upper, before, after, rows, leg)
+
+
+def needless_turns(
+    lower: Array, upper: Array, q_start: Array, q: Array, *, leg: int = 0
+) -> list[Step]:
+    """Return the whole turns of a leg that need not be, one for every joint that makes one.
+
+    Arguments are those of `needless_steps`.
+    """
+    before, after, rows = _pairs(q_start, q)
     step = after - before
-    found = []
     turns = np.round(step / TURN)
+    found = []
     nearer = after - TURN * turns
     # An answer beyond the limits is a finding of its own.
     inside = _inside(nearer, lower, upper) & _inside(after, lower, upper)
@@ -71,7 +79,14 @@ def needless_steps(
         needed = abs(float(step[index, joint] - TURN * turns[index, joint]))
         if 2.0 * needed < moved:
             found.append(_step("turn_jumps", leg, rows[index], joint, moved, needed))
-    return found + _changes(arm, lower, upper, before, after, rows, leg)
+    return found
+
+
+def _pairs(q_start: Array, q: Array) -> tuple[Array, Array, Array]:
+    """Return the ends of each step, (n, 6) both, and to which row of q (N, 6) it leads (n,)."""
+    rows = np.flatnonzero(np.all(np.isfinite(q), axis=1))
+    path = np.concatenate([q_start[None], q[rows]])
+    return path[:-1], path[1:], rows
 
 
 def _changes(

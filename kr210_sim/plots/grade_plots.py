@@ -106,7 +106,12 @@ def answers_plot(poses: Sequence[Pose], lower: Sequence[float], upper: Sequence[
         axis.yaxis.set_major_locator(MaxNLocator(5, steps=[1, 2, 5, 10]))
         figure.legend(*axis.get_legend_handles_labels(), loc="lower center", ncols=3)
         svg = render(figure, "answers")
-    text = f"{beyond} answers lie beyond limits, {len(jumps)} steps change branch or make a turn"
+    changes = sum(bool(pose.get("branch_jump")) for pose in poses)
+    turns = sum(pose.get("turns", 0) for pose in poses)
+    text = (
+        f"{beyond} answers lie beyond limits, {changes} steps change branch, and {turns} whole "
+        "turns are made that need not be"
+    )
     return Plot(
         name="answers",
         title="Answered angles against the joint limits",
