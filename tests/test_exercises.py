@@ -184,6 +184,20 @@ def no_special_case(theta1, theta2, theta3, T_0_7):
     return atan2(R[2, 2], -R[0, 2]), theta5, atan2(-R[1, 1], R[1, 0])
 
 
+def test_at_a_singular_wrist_the_sum_is_wanted_and_any_pair_of_it_will_do(asked):
+    def singular(pair, theta5=0.0):
+        def last_three(theta1, theta2, theta3, T_0_7):
+            right = SOLVED.last_three(theta1, theta2, theta3, T_0_7)
+            return (pair[0], theta5, pair[1]) if abs(right[1]) < 1e-9 else right
+
+        return asked("last_three", last_three)
+
+    assert singular((0.7 + 2 * pi, 0.5))["passed"]
+    wrong = singular((0.7, 0.6))["finding"]
+    assert "theta 4 plus theta 6 is 1.3, wanted 1.2, which any pair of that sum gives" in wrong
+    assert "theta 5 is 0.1, wanted 0, and the gripper" in singular((0.7, 0.5), 0.1)["finding"]
+
+
 def not_of_unit_length(quaternion_xyzw):
     return SOLVED.rotation(quaternion_xyzw) * np.linalg.norm(quaternion_xyzw) ** 2
 

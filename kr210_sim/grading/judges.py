@@ -159,8 +159,25 @@ def reaches_rotation(robot: Robot, case: Case, answer: Array, entry: Entry) -> t
     reached = ik.forward(robot.geometry, np.append(arm_angles, answer))
     turned = _angle(reached, case.T[0])
     flipped = case.wanted * [1, -1, 1] + [np.pi, 0.0, np.pi]
-    text = _beside(np.stack([case.wanted, flipped]), answer, entry)
+    if abs(np.sin(case.wanted[1])) < TOLERANCE:
+        text = _by_the_sum(case.wanted, answer, entry)
+    else:
+        text = _beside(np.stack([case.wanted, flipped]), answer, entry)
     return turned, f"{text}, and the gripper is turned by {turned:.3g} rad"
+
+
+def _by_the_sum(wanted: Array, answer: Array, entry: Entry) -> str:
+    """Return where an answer (3,) differs at theta 5 = 0: of theta 4 and 6 the sum is all."""
+    if _apart(wanted, answer)[1] > TOLERANCE:
+        return f"{entry((1,))} is {_number(answer[1])}, wanted {_number(wanted[1])}"
+    sums = [
+        _number((float(angles[0] + angles[2]) + np.pi) % TURN - np.pi)
+        for angles in (answer, wanted)
+    ]
+    return (
+        f"{entry((0,))} plus {entry((2,))} is {sums[0]}, wanted {sums[1]}, which any pair of that "
+        "sum gives"
+    )
 
 
 def _angle(a: Array, b: Array) -> float:
