@@ -34,7 +34,7 @@ STEPS = {
     "cycle": "control seen monitor stepping grip recovery offsets cycle",
     "a solver of one's own": "grading.findings grading.process grading.foreign grading.child "
     "grading.confine grading.forms grading.python2 grading.stand_ins",
-    "verdict": "score proof gates failures summary separation success_map compare",
+    "verdict": "score proof gates failures summary separation success_map compare comparison",
     "campaign": "episodes episode_files workers results playback runner verify",
     "pictures": "film plots scenery report video viewers junit",
     "grades": "grading",

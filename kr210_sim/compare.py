@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -93,6 +94,7 @@ class Difference:
         p: two-sided p value of the test, None without data.
         test: which test it was.
         n: cycles of A and B it rests on; pairs count once in each.
+        enough: whether the test can be significant with so many cycles at all.
         regression: whether B is worse, significantly and by more than the thresholds.
     """
 
@@ -105,6 +107,7 @@ class Difference:
     p: float | None
     test: str
     n: tuple[int, int]
+    enough: bool
     regression: bool
 
 
@@ -133,13 +136,13 @@ def compare_runs(path_a: Path | str, path_b: Path | str) -> dict[str, Any]:
     rows_b = [b[key] for key in common] if paired else list(b.values())
     differences = [_success(rows_a, rows_b, paired)]
     differences += [_metric(metric, rows_a, rows_b, paired) for metric in METRICS]
-    notes = _other_options(path_a, path_b)
+    other_options, notes = _other_options(path_a, path_b)
     if len(a) != len(b):
         notes.append(f"A has {len(a)} cycles, B {len(b)}")
     if paired and len(common) < max(len(a), len(b)):
         notes.append(f"compared on the {len(common)} cycles of the same index, seed and cell")
     if not paired:
-        notes.append("the runs share too few seeds: tests are unpaired")
+        notes.append(f"{len(common)} cycles have the same index, seed and cell: too few to pair")
     return {
         "schema_version": SCHEMA_VERSION,
         "alpha": ALPHA,
@@ -147,6 +150,7 @@ def compare_runs(path_a: Path | str, path_b: Path | str) -> dict[str, Any]:
         "b": _identity(path_b, b),
         "paired": paired,
         "pairs": len(common),
+        "other_options": other_options,
         "differences": [asdict(difference) for difference in differences],
         "regressions": [item.name for item in differences if item.regression],
         "notes": notes,
@@ -190,21 +194,22 @@ def _read(path: Path) -> Cycles:
     return cycles
 
 
-def _other_options(path_a: Path, path_b: Path) -> list[str]:
-    """Say which options the runs differ in; a difference of results may be theirs."""
+def _other_options(path_a: Path, path_b: Path) -> tuple[list[str], list[str]]:
+    """Return the options that the runs differ in, and say how; a difference may be theirs."""
     files = [(path if path.is_dir() else path.parent) / "config.json" for path in (path_a, path_b)]
     if not all(file.is_file() for file in files):
-        return []
+        return [], []
     found = [_parse(str(file), _text(file)) for file in files]
     a, b = (config.get("options") if isinstance(config, dict) else None for config in found)
     if not (isinstance(a, dict) and isinstance(b, dict)):
-        return []
+        return [], []
     names = [name for name in (*a, *sorted(set(b) - set(a))) if name not in _OUTWARD]
-    return [
-        f"--{name.replace('_', '-')} was {a.get(name)} for A, {b.get(name)} for B"
+    differing = {
+        f"--{name.replace('_', '-')}": f"{a.get(name)} for A, {b.get(name)} for B"
         for name in names
         if a.get(name) != b.get(name)
-    ]
+    }
+    return list(differing), [f"{name} was {values}" for name, values in differing.items()]
 
 
 def _text(path: Path) -> str:
@@ -247,15 +252,24 @@ def _check(where: str, line: Any) -> tuple[int, int, int]:
 # ---- tests ----------------------------------------------------------------------------------
 
 
+def _least_p(count_a: int, count_b: int, paired: bool) -> float:
+    """Return the p value if every pair changed alike, or every cycle of A came before those of B.
+
+    The p values of McNemar's, Wilcoxon's and Mann-Whitney's tests are no smaller.
+    """
+    return 2 / (2**count_a if paired else math.comb(count_a + count_b, count_a))
+
+
 def _success(rows_a: Sequence[Any], rows_b: Sequence[Any], paired: bool) -> Difference:
     good_a, good_b = (np.array([row["success"] for row in rows]) for rows in (rows_a, rows_b))
     if paired:
         lost, won = int(np.sum(good_a & ~good_b)), int(np.sum(~good_a & good_b))
         p = float(binomtest(lost, lost + won, 0.5).pvalue) if lost + won else 1.0
-        test = "McNemar, exact"
+        test, least = "McNemar, exact", _least_p(len(good_a), len(good_b), paired)
     else:
         table = [[int(good.sum()), int((~good).sum())] for good in (good_a, good_b)]
         p, test = float(fisher_exact(table).pvalue), "Fisher, exact"
+        least = float(fisher_exact([[len(good_a), 0], [0, len(good_b)]]).pvalue)
     a, b = float(np.mean(good_a)), float(np.mean(good_b))
     return Difference(
         name="success rate",
@@ -267,7 +281,8 @@ def _success(rows_a: Sequence[Any], rows_b: Sequence[Any], paired: bool) -> Diff
         p=p,
         test=test,
         n=(len(good_a), len(good_b)),
-        regression=p < ALPHA and b < a,
+        enough=least < ALPHA,
+        regression=least < ALPHA and p < ALPHA and b < a,
     )
 
 
@@ -285,6 +300,7 @@ def _metric(
     known = len(a) > 0 and len(b) > 0
     mean_a, mean_b = (float(np.mean(x)) if known else None for x in (a, b))
     p = _p_value(a, b, paired) if known else None
+    enough = _least_p(len(a), len(b), paired) < ALPHA
     change = relative = None
     worse = False
     if mean_a is not None and mean_b is not None:
@@ -301,7 +317,8 @@ def _metric(
         p=p,
         test=test,
         n=(len(a), len(b)),
-        regression=p is not None and p < ALPHA and worse,
+        enough=enough,
+        regression=enough and p is not None and p < ALPHA and worse,
     )
 
 
@@ -321,47 +338,3 @@ def _p_value(a: Array, b: Array, paired: bool) -> float:
 
 def _scaled(value: float | None, scale: float) -> float | None:
     return None if value is None else value * scale
-
-
-# ---- on the terminal ------------------------------------------------------------------------
-
-
-def comparison_text(report: dict[str, Any]) -> str:
-    """Return a comparison as a table."""
-    lines = [
-        f"{side.upper()}  {report[side]['succeeded']} of {report[side]['cycles']} cycles "
-        f"succeeded  {report[side]['path']}"
-        for side in ("a", "b")
-    ]
-    lines += [f"note: {note}" for note in report["notes"]]
-    lines += [
-        "",
-        f"{'':<18} {'A':>10} {'B':>10} {'B - A':>10} {'%':>8} {'p':>7}  verdict",
-    ]
-    for item in report["differences"]:
-        name = f"{item['name']} [{item['unit']}]" if item["unit"] else item["name"]
-        share = None if item["relative"] is None else 100 * item["relative"]
-        cells = [_cell(item[key]) for key in ("a", "b", "change")]
-        p = "-" if item["p"] is None else f"{item['p']:.3f}"
-        shown = "-" if share is None else f"{share:+.1f}"
-        lines.append(
-            f"{name:<18} {' '.join(f'{c:>10}' for c in cells)} {shown:>8} {p:>7}  {_verdict(item)}"
-        )
-    found = ", ".join(report["regressions"])
-    lines += ["", f"REGRESSION: {found}" if found else "no regression"]
-    return "\n".join(lines)
-
-
-def _cell(value: float | None) -> str:
-    return "-" if value is None else f"{value:.4g}"
-
-
-def _verdict(item: dict[str, Any]) -> str:
-    if item["regression"]:
-        return "WORSE"
-    if item["p"] is None:
-        return "not compared"
-    if item["p"] >= ALPHA:
-        return "no difference" if item["p"] == 1.0 else "not significant"
-    better = item["change"] > 0 if item["name"] == "success rate" else item["change"] < 0
-    return "better" if better else "worse, below the threshold"

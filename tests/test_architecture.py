@@ -22,7 +22,7 @@ PRINTING = ("cli", "video", "verbs.")
 """Modules that print."""
 
 WITHOUT_MUJOCO = (
-    "arrays", "compare", "config", "criteria", "exceptions", "failures", "gates",
+    "arrays", "compare", "comparison", "config", "criteria", "exceptions", "failures", "gates",
     "grading.advice", "grading.diagnosis", "grading.explain", "grading.mistakes", "grading.steps",
     "legs", "path", "planning", "proof", "randomize", "record", "resources",
     "sampling", "score", "separation", "stats", "success_map", "summary", "task", "tcp_limits",

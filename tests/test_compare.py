@@ -171,6 +171,7 @@ def test_runs_of_different_length_are_compared_on_what_both_have_and_it_is_said(
     assert status == 0
     assert "A has 12 cycles, B 7" in out
     assert "compared on the 7 cycles" in out
+    assert "compared: paired cycle by cycle; n: pairs" in out
 
 
 def test_options_in_which_the_runs_differ_are_said(write, lines, capsys):
@@ -183,6 +184,7 @@ def test_options_in_which_the_runs_differ_are_said(write, lines, capsys):
     assert [line for line in out.splitlines() if "note" in line] == [
         "note: --mass was 1.0 for A, 10.0 for B"
     ]
+    assert out.splitlines()[-1] == "no regression; but the runs are not alike, see --mass"
 
 
 def test_nothing_in_common_to_compare_is_said_and_is_no_number(write, lines, capsys):
@@ -202,6 +204,57 @@ def test_the_table_names_what_became_worse(write, lines, capsys):
     assert status == 1
     assert "REGRESSION: cycle time" in out
     assert "+50.0" in out
+
+
+def row_of(out: str, name: str) -> list[str]:
+    (line,) = (line for line in out.splitlines() if line.startswith(name))
+    return line.removeprefix(name).split()
+
+
+@pytest.mark.parametrize(
+    ("count_a", "count_b", "paired", "told"),
+    [
+        (5, 5, True, []),
+        (6, 6, True, ["success rate", "IK offset, max"]),
+        (3, 3, False, []),
+        (3, 4, False, ["success rate"]),
+        (4, 4, False, ["success rate", "IK offset, max"]),
+    ],
+)
+def test_too_few_cycles_for_a_test_are_no_verdict(
+    write, lines, capsys, count_a, count_b, paired, told
+):
+    """As much worse as can be; of 3 and 4 cycles Fisher's test alone has p < 0.05.
+
+    The other figures are those of successful cycles, and B has none.
+    """
+    other = lines if paired else [make_line(index, seed=9000) for index in range(12)]
+    worse = failing(scaled(other, ("ik_offset_m", "max"), 1e9), count_b)
+    a, b = write("a", lines[:count_a]), write("b", worse[:count_b])
+    report = compare_runs(a, b)
+    assert [item["name"] for item in report["differences"] if item["enough"]] == told
+    status, out, err = status_of(capsys, a, b)
+    n = str(count_a) if paired else f"{count_a}/{count_b}"
+    assert row_of(out, "success rate")[4] == n
+    assert ("unpaired" in out) is not paired
+    assert report["regressions"] == told
+    if told:
+        assert status == 1
+        assert "; too few cycles to tell: " in out.splitlines()[-1]
+    else:
+        assert status == 2
+        assert row_of(out, "success rate")[-3:] == ["too", "few", "cycles"]
+        assert out.splitlines()[-1] == "NO VERDICT: too few cycles"
+        assert err.startswith("kr210-sim: RUN_A, RUN_B: ")
+        assert err.count("\n") == 1
+        assert "give six or more of the same seeds, or four or more each" in err
+
+
+def test_one_failure_more_is_not_called_no_difference(write, lines, capsys):
+    status, out, _ = status_of(capsys, write("a", lines), write("b", failing(lines, 1)))
+    assert status == 0
+    assert row_of(out, "success rate")[-2:] == ["not", "significant"]
+    assert row_of(out, "tracking, max [mm]")[-2:] == ["no", "difference"]
 
 
 # ---- bad input ------------------------------------------------------------------------------

@@ -7,6 +7,7 @@ import json
 from pathlib import Path
 from typing import Any
 
+from kr210_sim.exceptions import BadInput
 from kr210_sim.verbs.common import EXIT_GATE, EXIT_PASSED
 
 
@@ -19,7 +20,8 @@ def add(verbs: Any) -> None:
         "test for success, Wilcoxon signed-rank test for the rest; without common seeds Fisher's "
         "and Mann-Whitney's. A regression is worse with p < 0.05 and, success apart, by more than "
         "1 % of a simulated figure or 100 % of a wall-clock one. Exit status: 0 no regression, 1 "
-        "regression, 2 bad input.",
+        "regression, 2 bad input, or too few cycles for any test: six pairs are the least, or four "
+        "unpaired ones each.",
         allow_abbrev=False,
     )
     for name in ("A", "B"):
@@ -34,10 +36,13 @@ def add(verbs: Any) -> None:
 
 
 def _compare(options: argparse.Namespace) -> int:
-    from kr210_sim.compare import compare_runs, comparison_text
+    from kr210_sim.compare import compare_runs
+    from kr210_sim.comparison import comparison_text, too_few
 
     report = compare_runs(options.run_a, options.run_b)
     print(
         json.dumps(report, indent=2, allow_nan=False) if options.json else comparison_text(report)
     )
+    if text := too_few(report):
+        raise BadInput(text)
     return EXIT_GATE if report["regressions"] else EXIT_PASSED
