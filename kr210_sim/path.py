@@ -4,25 +4,23 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import cache, cached_property
-from math import factorial, perm
+from math import perm
 
 import numpy as np
-from scipy.interpolate import make_interp_spline
 
+from kr210_sim import spline
 from kr210_sim.arrays import Array
-
-_DEGREE = 5
-"""Quintic splines: the third derivative, from which jerk follows, is smooth."""
 
 _ORDERS = 4
 """A path is known with its first three derivatives."""
 
+_POWERS = range(spline.DEGREE + 1)
 # The derivative of order m of x^p is _FACTORS[p, m] x^_LOWER[p, m].
-_FACTORS = np.array([[[float(perm(p, m))] for m in range(_ORDERS)] for p in range(_DEGREE + 1)])
-_LOWER = np.maximum(np.subtract.outer(np.arange(_DEGREE + 1), np.arange(_ORDERS)), 0)
+_FACTORS = np.array([[[float(perm(p, m))] for m in range(_ORDERS)] for p in _POWERS])
+_LOWER = np.maximum(np.subtract.outer(_POWERS, np.arange(_ORDERS)), 0)
 
-_KNOTS = 60  # pieces between the samples that the reparametrised spline passes through, at least
-_FINE = 6  # steps of the arc-length integral in each of them
+_KNOTS = 60  # steps between the values that the spline by arc length passes through, at least
+_FINE = 6  # steps of the arc-length integral for each of them
 _NOWHERE = 1e-12  # length up to which a path goes nowhere [s]
 
 
@@ -44,13 +42,11 @@ class _Curve:
         return cls(np.array([start, direction])[:, :, None], np.zeros(1), np.zeros(0))
 
     @classmethod
-    def spline(cls, s: Array, q: Array) -> _Curve:
-        """Return the quintic spline through values q (M, 6) at increasing s (M,)."""
-        spline = make_interp_spline(s, q, k=_DEGREE)
-        knots = spline.t[_DEGREE:-_DEGREE]
-        begins = knots[:-1]
-        table = [spline(begins, power).T / factorial(power) for power in range(_DEGREE + 1)]
-        return cls(np.array(table), begins, knots[1:-1])
+    def spline(cls, q: Array, step: float = 1.0) -> _Curve:
+        """Return the quintic spline through values q (M, 6) at s = 0, step, 2 step, ..."""
+        pieces, begins = spline.pieces(len(q))
+        table = (pieces @ q).swapaxes(1, 2) / step ** np.arange(len(pieces))[:, None, None]
+        return cls(np.ascontiguousarray(table), begins * step, begins[1:] * step)
 
     def reversed(self, length: float) -> _Curve:
         """Return the way back along it: q(length - s)."""
@@ -108,16 +104,21 @@ class Path:
             q: (N, 6) samples [rad], N >= 6, spaced about evenly along the curve.
             velocity: (6,) velocity limits [rad/s], the weights of the arc length.
         """
-        count = max(_KNOTS, len(q)) * _FINE
-        values, slopes = _sampling(len(q), count)
-        u_step = 1.0 / count
-        rate = _norm(slopes @ q / velocity)
-        s = np.concatenate([[0.0], np.cumsum((rate[1:] + rate[:-1]) * (u_step / 2))])
+        steps = max(_KNOTS, len(q))
+        u = np.linspace(0.0, len(q) - 1.0, steps * _FINE + 1)
+        rate = _norm(_slopes(len(q), len(u)) @ q / velocity)
+        s = np.concatenate([[0.0], np.cumsum((rate[1:] + rate[:-1]) * (u[1] / 2))])
         length = float(s[-1])
         if length <= _NOWHERE:
             return cls(_Curve.line(q[0], np.zeros(6)), 0.0)
-        # Both q(u) and s(u) are smooth, and s increases: so is q(s), through its values there.
-        return cls(_Curve.spline(s[::_FINE], values @ q), length)
+        # Both q(u) and u(s) are smooth: so is q(s), through its values at even s.
+        even = np.linspace(0.0, length, steps + 1)
+        before = np.minimum(s.searchsorted(even, side="right"), len(s) - 1) - 1
+        # Between two of u, s is the parabola with the slopes there.
+        rest, slope = even - s[before], rate[before]
+        root = np.sqrt(np.maximum(slope**2 + 2 * rest * np.diff(rate)[before] / u[1], 0.0))
+        there = u[before] + 2 * rest / np.maximum(slope + root, _NOWHERE)
+        return cls(_Curve.spline(_Curve.spline(q)(there).T, length / steps), length)
 
     def reversed(self) -> Path:
         """Return the way back."""
@@ -188,19 +189,18 @@ def _norm(x: Array) -> Array:
 
 
 @cache
-def _sampling(samples: int, count: int) -> tuple[Array, Array]:
-    """Return what makes values and slopes of the spline through samples, evenly along it.
-
-    The spline through samples (N, d) at even u in [0, 1] is linear in them.
+def _slopes(samples: int, count: int) -> Array:
+    """Return what makes the slopes (count, 6), evenly along it, of the spline through samples.
 
     Args:
-        samples: how many they are, N.
-        count: pieces of equal length.
+        samples: how many they are, at x = 0, 1, 2, ...
+        count: how many slopes.
 
     Returns:
-        (count / _FINE + 1, N) for the values between groups of _FINE pieces, and (count + 1, N)
-        for the slopes dq/du at all ends of pieces.
+        (count, samples).
     """
-    spline = make_interp_spline(np.linspace(0.0, 1.0, samples), np.eye(samples), k=_DEGREE)
-    u = np.linspace(0.0, 1.0, count + 1)
-    return np.asarray(spline(u[::_FINE])), np.asarray(spline(u, 1))
+    pieces, begins = spline.pieces(samples)
+    x = np.linspace(0.0, samples - 1.0, count)
+    piece = begins[1:].searchsorted(x, side="right")
+    along = (x - begins[piece])[:, None] ** _LOWER[:, 1] * _FACTORS[:, 1, 0]
+    return np.asarray(np.einsum("np,pnk->nk", along, pieces[:, piece]))
