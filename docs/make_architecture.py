@@ -28,7 +28,7 @@ STEPS = {
     "robot": "gripper arm robot dynamics effort kinematics",
     "world": "geometry mjcf physics loading scene simulation mjcf_files",
     "conversion": "parity convert",
-    "planning": "task legs path tracks planning sampling advance chain distances "
+    "planning": "task legs path spline tracks planning sampling advance chain distances "
     "pairs looks collision course room variation",
     "timing": "limits time_law path_law trajectory tcp_limits motions clearance",
     "cycle": "control seen monitor stepping grip recovery offsets cycle",

@@ -6,6 +6,7 @@ import json
 import re
 import shlex
 import shutil
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -269,6 +270,12 @@ def test_in_detail_there_is_room_for_failures_and_at_least_one_success(tmp_path)
 # ---- what is no run -------------------------------------------------------------------------
 
 
+def rewrite_cycle(out: Path, **values: object) -> None:
+    """Put other values in the only line of a run's cycles."""
+    line = json.loads((out / "cycles.jsonl").read_text())
+    (out / "cycles.jsonl").write_text(json.dumps(line | values) + "\n")
+
+
 @pytest.mark.parametrize(
     ("spoil", "message"),
     [
@@ -279,6 +286,9 @@ def test_in_detail_there_is_room_for_failures_and_at_least_one_success(tmp_path)
         (lambda out: (out / "config.json").write_text("{}"), "has no 'options'"),
         (lambda out: (out / "cycles.jsonl").write_text("nonsense\n"), "line 1 cannot be read"),
         (lambda out: (out / "cycles.jsonl").write_text('{"cycle": 0}\n'), "has no 'seed'"),
+        (lambda out: rewrite_cycle(out, success="yes"), "'success' is not what a run writes"),
+        (lambda out: rewrite_cycle(out, drawn={"mass": "heavy"}), "'drawn' is not what a run"),
+        (lambda out: rewrite_cycle(out, drawn={"p": [0.0, None]}), "'drawn' is not what a run"),
     ],
 )
 def test_what_is_no_run_is_refused_in_one_line(tmp_path, capsys, spoil, message):

@@ -45,6 +45,7 @@ _IN_LINE = (
 
 _KINDS = {
     **dict.fromkeys(("cycle", "seed"), int),
+    "success": bool,
     **dict.fromkeys(("cell", "reason", "failed_stage"), int | str | None),
     "drawn": dict,
     **dict.fromkeys(("ik_offset_m", "tracking_offset_m"), dict | None),
@@ -213,9 +214,16 @@ def _lines(path: Path) -> Iterator[Line]:
 def _counted(line: Line, where: str) -> Line:
     """Return a cycle if what it is found and grouped by is a number or a name in it."""
     for name, kind in _KINDS.items():
-        if not isinstance(line[name], kind):
+        if not isinstance(line[name], kind) or (name == "drawn" and not _numbers(line[name])):
             raise BadInput(f"report: {where}: '{name}' is not what a run writes there")
     return line
+
+
+def _numbers(drawn: Mapping[str, Any]) -> bool:
+    """Return whether all that was drawn is a number, a vector, or nothing."""
+    values = (value for value in drawn.values() if value is not None)
+    each = (one for value in values for one in (value if isinstance(value, list) else [value]))
+    return all(isinstance(one, int | float) for one in each)
 
 
 def _checked(content: Any, needed: Sequence[str], where: str) -> dict[str, Any]:
