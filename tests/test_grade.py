@@ -14,7 +14,7 @@ from drawn_grades import BRIEF, graded
 import ik
 from kr210_sim.cli import main
 from kr210_sim.grading import grade as grading
-from kr210_sim.grading.debug_cases import GOLDEN, debug_text, random_cases
+from kr210_sim.grading.debug_cases import GOLDEN, debug_report, random_cases
 from kr210_sim.grading.foreign import Asked, ForeignSolver
 from kr210_sim.grading.grade import GradeConfig
 from kr210_sim.grading.poses import Leg, mark_leg, rows_of, summarize_marks
@@ -241,7 +241,8 @@ def test_debug_cases_print_the_errors_of_golden_poses(robot):
         def ask(self, T, q_start):
             return Answer(q=np.array([next(self.answers).q]), seconds=np.array([0.25]))
 
-    text = debug_text(Right(), robot, [*GOLDEN, *random_cases(robot, 2, 0)])
+    text, passed = debug_report(Right(), robot, [*GOLDEN, *random_cases(robot, 2, 0)])
+    assert not passed  # angles of two digits are off by centimetres
     offsets = [
         float(line.split()[-2]) for line in text.splitlines() if "Overall end effector" in line
     ]
@@ -270,7 +271,10 @@ def test_of_many_debug_cases_the_worst_is_shown(robot):
     cases = [case for case in random_cases(robot, 40, 0)
              if ik.inverse(robot.geometry, case.T_base_palm).valid[0]]  # fmt: skip
     bad = cases[6].T_base_palm
-    lines = debug_text(OneOff(), robot, [*GOLDEN, *cases]).splitlines()
+    text, passed = debug_report(OneOff(), robot, [*GOLDEN, *cases])
+    assert not passed
+    assert debug_report(OneOff(), robot, [*GOLDEN, *cases[:6]])[1]
+    lines = text.splitlines()
     shown = [line for line in lines if line.startswith("case ")]
     numbers = [int(line.split()[1]) for line in shown]
     assert numbers == [1, 2, 3, 10]
@@ -287,7 +291,8 @@ def test_debug_cases_without_an_answer_are_counted(robot):
         def ask(self, T, q_start):
             return Answer(q=np.full((1, 6), np.nan), seconds=np.ones(1), finding=None)
 
-    text = debug_text(Silent(), robot, GOLDEN)
+    text, passed = debug_report(Silent(), robot, GOLDEN)
+    assert not passed
     assert text.splitlines()[-1] == "0 of 3 cases answered"
 
 
@@ -298,7 +303,7 @@ def test_debug_cases_of_a_file(capsys):
     )
     text = capsys.readouterr().out
     assert text.count("Overall end effector offset is: 0.0000000") == 5
-    assert main(["grade", str(EXAMPLES / "student_ik.py"), "--debug-cases"]) == 0
+    assert main(["grade", str(EXAMPLES / "student_ik.py"), "--debug-cases"]) == 1
     assert "case 3 of 3" in capsys.readouterr().out
 
 

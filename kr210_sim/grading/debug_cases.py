@@ -82,8 +82,13 @@ def random_cases(robot: Robot, count: int, seed: int) -> list[DebugCase]:
     ]
 
 
-def debug_text(solver: ForeignSolver, robot: Robot, cases: Sequence[DebugCase]) -> str:
-    """Ask a solver for some poses one by one, and return the errors as the course printed them.
+def debug_report(
+    solver: ForeignSolver, robot: Robot, cases: Sequence[DebugCase]
+) -> tuple[str, bool]:
+    """Ask a solver for some poses one by one.
+
+    Returns:
+        The errors as the course printed them, and whether every answer is within 1 mm.
 
     Raises:
         Refused: if it cannot be loaded.
@@ -94,7 +99,8 @@ def debug_text(solver: ForeignSolver, robot: Robot, cases: Sequence[DebugCase]) 
         text, offset = _case_text(solver, robot, case, f"case {number} of {len(cases)}")
         texts.append(text)
         offsets.append(offset)
-    return "\n\n".join([*_shown(texts, offsets), _overall(offsets)])
+    text = "\n\n".join([*_shown(texts, offsets), _overall(offsets)])
+    return text, all(offset < _NEAR for offset in offsets)  # NaN is not
 
 
 def _shown(texts: Sequence[str], offsets: Sequence[float]) -> list[str]:

@@ -23,7 +23,7 @@ def add(verbs: Any) -> None:
         help="grade an IK of your own, or a class of them",
         description="Let solvers drive the arm through pick-and-place cycles, and judge every "
         "answer. A file of the course (IK_server.py) runs as it is. Exit status: 0 passed (all of "
-        "a class), 1 not passed, 2 bad input.",
+        "a class, all steps, all debug cases within 1 mm), 1 not passed, 2 bad input.",
         allow_abbrev=False,
     )
     parser.add_argument(
@@ -102,7 +102,7 @@ def _source(text: str) -> SolverSource:
 def _debug(source: SolverSource, config: Any, options: argparse.Namespace) -> int:
     from contextlib import closing
 
-    from kr210_sim.grading.debug_cases import GOLDEN, debug_text, random_cases
+    from kr210_sim.grading.debug_cases import GOLDEN, debug_report, random_cases
     from kr210_sim.grading.findings import Refused
     from kr210_sim.grading.foreign import ForeignSolver
     from kr210_sim.loading import read_robot
@@ -117,11 +117,12 @@ def _debug(source: SolverSource, config: Any, options: argparse.Namespace) -> in
     with closing(solver):
         cases = [*GOLDEN, *random_cases(robot, options.debug_cases, config.seed)]
         try:
-            print(debug_text(solver, robot, cases))
+            text, passed = debug_report(solver, robot, cases)
         except Refused as refused:  # it cannot be loaded
             print(refused.finding.text(solver.source.name))
             return EXIT_GATE
-    return EXIT_PASSED
+    print(text)
+    return EXIT_PASSED if passed else EXIT_GATE
 
 
 def _steps(source: SolverSource, config: Any, options: argparse.Namespace) -> int:
