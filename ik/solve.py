@@ -38,9 +38,9 @@ _BOOL = np.dtype(np.bool_)
 class Solutions(NamedTuple):
     """All branches of each pose, in the order of the branch table in README.md.
 
-    Branch 4 * shoulder + 2 * elbow + wrist: shoulder 0 has the wrist center in front of axis 1, 1
-    behind it; elbow 0 has theta3 above that of the stretched arm, 1 below; wrist 0 has
-    theta5 >= 0, 1 theta5 <= 0.
+    Branch 4 * shoulder + 2 * elbow + wrist: shoulder 0 ("front") has the wrist center in front of
+    axis 1, 1 ("back") behind it; elbow 0 ("up") has theta3 above that of the stretched arm, 1
+    ("down") below; wrist 0 ("+") has theta5 >= 0, 1 ("-") theta5 <= 0.
     """
 
     arm: Arm

@@ -150,6 +150,7 @@ def solve_text(report: dict[str, Any]) -> str:
             f"{name:<16}{angles}        {inside}{branch['configurations_within_limits']:>6}"
             f"   {branch['residual_m']:.1e}  {branch['residual_rad']:.1e}  {kind} {distance:.4f}"
         )
+    lines.append("branch: shoulder to the front or back, elbow up or down, sign of theta 5")
     lines.append("turns: configurations within limits, whole turns counted")
     return "\n".join(lines)
 

@@ -82,6 +82,36 @@ def test_the_table_has_a_line_for_each_branch(capsys):
             assert line.endswith("out of reach")
 
 
+def test_branches_are_what_their_names_say(capsys, robot):
+    """As `ik --help` and ik/README.md explain them."""
+    arm = robot.geometry
+    for branch in reported(capsys, "--pose", MATRIX)["branches"]:
+        if not branch["exists"]:
+            continue
+        q = np.array(branch["q_rad"])
+        x, y, z = ik.wrist_center(arm, POSE)
+        towards = x * np.cos(q[0]) + y * np.sin(q[0])
+        assert (branch["shoulder"] == "front") is bool(towards > 0.0)
+        stretched = -0.5 * np.pi - np.arctan2(-arm.a3, arm.d4)
+        above = (q[2] - stretched) % (2 * np.pi) < np.pi
+        assert (branch["elbow"] == "up") is bool(above)
+        assert (branch["wrist"] == "+") is bool(q[4] > 0.0)
+        if branch["shoulder"] == "front":
+            elbow = np.array([arm.a1 + arm.L2 * np.sin(q[1]), arm.d1 + arm.L2 * np.cos(q[1])])
+            along = np.array([towards - arm.a1, z - arm.d1])
+            offset = elbow - (arm.a1, arm.d1)
+            over = along[0] * offset[1] - along[1] * offset[0]
+            assert (branch["elbow"] == "up") is bool(over > 0.0)
+
+
+def test_the_help_says_what_the_names_of_branches_mean(capsys):
+    with pytest.raises(SystemExit):
+        main(["ik", "--help"])
+    text = " ".join(capsys.readouterr().out.split())
+    for word in ("front: axis 1", "back: away", "up, down: theta 3", "sign of theta 5"):
+        assert word in text
+
+
 def test_a_pose_out_of_reach_has_no_branch(capsys):
     assert main(["ik", "--position", "9", "0", "1"]) == 0
     assert capsys.readouterr().out.count("out of reach") == 8

@@ -8,6 +8,14 @@ from typing import Any
 
 from kr210_sim.verbs.common import EXIT_PASSED, ROBOT_OPTIONS, add_option, robot_of
 
+BRANCHES = (
+    "A branch is named by shoulder, elbow and wrist. front: axis 1 turns the arm towards the wrist "
+    "center; back: away from it, and the arm reaches over its back. up, down: theta 3 is above or "
+    "below that of the stretched arm; in front, so is the elbow above or below the straight line "
+    "from axis 2 to the wrist center. + and -: the sign of theta 5. inside, BEYOND: the limits of "
+    "the joints, whole turns tried."
+)
+
 
 def add(verbs: Any) -> None:
     """Add `ik` to the verbs."""
@@ -16,6 +24,7 @@ def add(verbs: Any) -> None:
         help="solve one pose: every branch with limits, residual and singularities",
         description="Solve one pose of the palm (the bundled robot's gripper_link) in the base "
         "frame, and list all eight branches.",
+        epilog=BRANCHES,
         allow_abbrev=False,
     )
     parser.add_argument("--position", nargs=3, type=float, metavar=("X", "Y", "Z"), help="[m]")
