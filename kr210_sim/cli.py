@@ -31,6 +31,9 @@ from kr210_sim.verbs.common import (
     add_version,
 )
 
+_ALONE = ("-h", "--help", "--version")
+VERBS = (run, report, render, view, grade, ik, dh, convert, compare)
+
 
 class _Parser(argparse.ArgumentParser):
     """Argument errors in one line, with exit status 2."""
@@ -99,20 +102,28 @@ def _parse(argv: Sequence[str] | None) -> argparse.Namespace:
     given = sys.argv[1:] if argv is None else argv
     if not given:
         raise BadInput("VERB: is missing; give run for ten cycles, or see kr210-sim --help")
+    verbs = [verb.__name__.rpartition(".")[2] for verb in VERBS]
+    if given[0] not in (*verbs, *_ALONE):
+        remedy = _meant(given[0], (*verbs, *_ALONE), f"give one of {', '.join(verbs)}")
+        raise BadInput(f"VERB: no '{given[0]:.80}'; {remedy}")
     options, unknown = parser.parse_known_args(given)
     if unknown:
-        known = re.findall(r"--[a-z][a-z-]*", options.usage())
-        near = difflib.get_close_matches(unknown[0].partition("=")[0], known, n=1)
-        remedy = f"did you mean {near[0]}?" if near else "leave it out, or see --help"
+        known = ["--help", *re.findall(r"--[a-z][a-z-]*", options.usage())]
+        remedy = _meant(unknown[0].partition("=")[0], known, "leave it out, or see --help")
         raise BadInput(f"{' '.join(unknown)}: no such argument; {remedy}")
     return options
+
+
+def _meant(word: str, known: Sequence[str], otherwise: str) -> str:
+    near = difflib.get_close_matches(word, known, n=1)
+    return f"did you mean {near[0]}?" if near else otherwise
 
 
 def _parser() -> argparse.ArgumentParser:
     parser = _Parser(prog="kr210-sim", description="KUKA KR210 pick and place in MuJoCo, scored.")
     add_version(parser)
     verbs = parser.add_subparsers(metavar="VERB", required=True)
-    for verb in (run, report, render, view, grade, ik, dh, convert, compare):
+    for verb in VERBS:
         verb.add(verbs)
     for each in verbs.choices.values():
         each.set_defaults(usage=each.format_usage)

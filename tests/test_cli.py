@@ -122,6 +122,11 @@ def test_an_unknown_or_incomplete_option_is_refused_in_one_line(here, capfd, arg
         (["run", "--randomise=nominal"], "--randomize?"),
         (["grade", "ik.py", "--setp", "rotation"], "--step?"),
         (["run", "stray"], "--help"),
+        (["run", "--helpp"], "did you mean --help?"),
+        (["--helpp"], "did you mean --help?"),
+        (["rnu", "--cycles", "3"], "did you mean run?"),
+        (["compere", "a", "b"], "did you mean compare?"),
+        (["xyzzy"], "give one of run, report,"),
         ([], "--help"),
     ],
 )
