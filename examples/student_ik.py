@@ -10,7 +10,8 @@ docs/course derives every function. As it stands, it answers zero to every pose:
 
 import numpy as np
 
-# Lengths in metres, angles in radians. `kr210-sim dh` prints the tables to compare yours with.
+# Lengths in metres, angles in radians. `kr210-sim dh` prints the tables to compare yours with: the
+# six joints that turn, and seven rows of the DH table, whose last is the fixed gripper.
 
 
 def rotation(quaternion_xyzw):

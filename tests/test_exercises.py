@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib.util
 import inspect
 import json
+import re
 from math import acos, atan2, hypot, pi
 from pathlib import Path
 from types import ModuleType
@@ -363,6 +364,15 @@ def test_a_rounded_number_is_named_where_it_explains_every_case(numbers, named, 
     assert diagnosis["text"].startswith(named)
     assert "in all of 24 answers" in diagnosis["text"]
     assert asked("first_three", triangle())["diagnoses"] == []
+
+
+def test_cases_that_a_diagnosis_leaves_out_are_named(asked):
+    found = asked("wrist_center", lambda T: T[:3, 3] - 0.193 * T[:3, 2])
+    counted = re.search(r"in (\d+) of (\d+) answers", found["diagnoses"][0]["text"]).groups()
+    assert int(counted[1]) + len(found["left_out"]) == found["cases"] == 24
+    assert 0 < len(found["left_out"]) == len(set(found["left_out"]))
+    assert f"  left out   {', '.join(found['left_out'])}: the arm does not reach" in found["text"]
+    assert asked("first_three", no_sag)["left_out"] == []
 
 
 def test_no_number_is_named_where_rounding_is_not_all(asked):

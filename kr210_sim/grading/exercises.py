@@ -282,6 +282,7 @@ def check_step(
         finding = finding or f"{case.title}: {refused.finding.text(source.name)}"
         asked = asked or _call_text(exercise, case)
         written = not refused.finding.detail.startswith(_UNWRITTEN)
+    diagnoses, left_out = _diagnoses(exercise, robot, cases, answers) if finding else ([], [])
     right = sum(error <= judges.TOLERANCE for error in errors)
     worst = max(errors, default=math.inf)
     return {
@@ -293,7 +294,8 @@ def check_step(
         "worst_error": worst if math.isfinite(worst) else None,
         "finding": finding or None,
         "asked": asked or None,
-        "diagnoses": _diagnoses(exercise, robot, cases, answers) if finding else [],
+        "diagnoses": diagnoses,
+        "left_out": left_out if diagnoses else [],
         "printed": printed.decode("utf-8", "replace"),
         "page": exercise.document,
     }
@@ -320,11 +322,14 @@ def _shaped(answer: Array, shape: tuple[int, ...]) -> Array:
 
 def _diagnoses(
     exercise: Exercise, robot: Robot, cases: Sequence[Case], answers: Sequence[Array]
-) -> list[dict[str, str]]:
-    """Return the known mistakes that explain wrong answers, all other steps done right."""
+) -> tuple[list[dict[str, str]], list[str]]:
+    """Return the known mistakes that explain wrong answers, all other steps done right.
+
+    Cases that this leaves out, since the arm does not reach what was answered, are told, too.
+    """
     if exercise.whole is None:
-        return []
-    legs, names = [], []
+        return [], []
+    legs, names, left_out = [], [], []
     for case, answer in zip(cases, answers, strict=False):
         if exercise.any_shape and answer.shape != (len(case.T), 6):
             continue
@@ -334,6 +339,8 @@ def _diagnoses(
             start = q[0] if exercise.any_shape else np.full(6, np.nan)
             legs.append((case.T, start, q))
             names.append(case.title)
+        else:
+            left_out.append(case.title)
     # A part of an answer may be right in a branch that is not within limits.
     lower, upper = (robot.lower, robot.upper) if exercise.any_shape else (-_FREE, _FREE)
     found = diagnose(legs, lower, upper, arm=robot.geometry, names=names)
@@ -341,7 +348,7 @@ def _diagnoses(
     # It explains every answer far better than a mistake that is told apart at 1 mm.
     if fitted := rounding([(T, q) for T, _, q in legs], robot.geometry, judges.TOLERANCE):
         found = [fitted, *(item for item in found if item.key in OF_THE_WAY)]
-    return [item.as_json() for item in found]
+    return [item.as_json() for item in found], left_out
 
 
 def step_text(exercise: Exercise, found: dict[str, Any]) -> str:
@@ -363,10 +370,18 @@ def step_text(exercise: Exercise, found: dict[str, Any]) -> str:
             f"  finding    {found['finding']}",
             f"  asked      {found['asked']}",
             *(f"  diagnosis  {item['text']} ({item['page']})" for item in found["diagnoses"]),
+            *_left_out(found["left_out"]),
             f"  to write   {exercise.call} -> {exercise.answer}",
             f"  read       {found['page']}",
         ]
     return "\n".join([*lines, *shown])
+
+
+def _left_out(titles: Sequence[str]) -> list[str]:
+    """Return the line about cases that a diagnosis leaves out, if there are any."""
+    if not titles:
+        return []
+    return [f"  left out   {', '.join(titles)}: the arm does not reach what was answered there"]
 
 
 def _plain(text: str) -> str:
