@@ -12,6 +12,7 @@ import socket
 import subprocess
 import tomllib
 from collections.abc import Callable
+from fnmatch import fnmatch
 from pathlib import Path
 
 import pytest
@@ -92,6 +93,21 @@ def test_what_is_not_run_here_is_run_elsewhere():
 def test_what_nothing_runs_is_not_taken_for_run(command):
     assert not is_run_by_ci(command)
     assert not is_run_elsewhere(command)
+
+
+def written_by(command: str) -> set[str]:
+    """Return the files and folders that a command makes where it is run, by their names."""
+    words = shlex.split(command)
+    named = {words[i + 1] for i, word in enumerate(words) if word in ("--out", "-o", "--junit")}
+    return named | ({words[-1]} if words[0] == "cp" else set())
+
+
+def test_what_the_commands_write_is_no_change_to_git():
+    lines = (ROOT / ".gitignore").read_text(encoding="utf-8").splitlines()
+    ignored = [line.strip("/") for line in lines if line and not line.startswith("#")]
+    written = set().union(*map(written_by, SHOWN))
+    assert {"my_file.py", "campaign", "junit.xml", "baseline"} < written
+    assert {name for name in written if not any(fnmatch(name, line) for line in ignored)} == set()
 
 
 # ---- what is named in passing ---------------------------------------------------------------
