@@ -366,6 +366,14 @@ def test_a_rounded_number_is_named_where_it_explains_every_case(numbers, named, 
     assert asked("first_three", triangle())["diagnoses"] == []
 
 
+@pytest.mark.parametrize("name", ["first_three", "all_branches", "solve"])
+def test_the_numbers_of_the_original_course_are_named_in_every_step(name, asked, monkeypatch):
+    for number, value in (("FOREARM", 1.501), ("SAG", 0.036)):
+        monkeypatch.setattr(SOLVED, number, value)
+    (diagnosis,) = asked(name, getattr(SOLVED, name))["diagnoses"]
+    assert diagnosis["text"].startswith(f"The {SIDE} and the {SAG}: with that")
+
+
 def test_cases_that_a_diagnosis_leaves_out_are_named(asked):
     found = asked("wrist_center", lambda T: T[:3, 3] - 0.193 * T[:3, 2])
     counted = re.search(r"in (\d+) of (\d+) answers", found["diagnoses"][0]["text"]).groups()
