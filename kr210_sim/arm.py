@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import yourdfpy
 
 from kr210_sim.arrays import Array
 from kr210_sim.description import Description, kinematic_model, load_description
@@ -245,6 +244,8 @@ def _hand_frame(tip: str, chain: Sequence[Any]) -> Array:
 def _couple(fingers: list[Any], notes: list[str]) -> None:
     """Make the second of two fingers that nothing couples mimic the first."""
     if len(fingers) == 2 and all(joint.mimic is None for joint in fingers):
+        import yourdfpy
+
         driven, follower = fingers
         follower.mimic = yourdfpy.urdf.Mimic(joint=driven.name, multiplier=1.0, offset=0.0)
         notes.append(f"gripper: '{follower.name}' is made to mimic '{driven.name}'")

@@ -8,12 +8,13 @@ import os
 import warnings
 import xml.etree.ElementTree as ET
 from collections.abc import Mapping
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-import yourdfpy
 
 from kr210_sim.exceptions import BadInput
 from kr210_sim.expand import expand_xacro
@@ -64,7 +65,10 @@ def load_description(
     packages = packages or Packages(path)
     content = read_xml(path)
     if path.suffix == ".xacro":
-        content = expand_xacro(path, packages, arguments or {}).encode()
+        with ThreadPoolExecutor(1) as waiting:
+            expanded = waiting.submit(expand_xacro, path, packages, arguments or {})
+            import_module("yourdfpy")  # takes longer than the process that expands
+        content = expanded.result().encode()
     try:
         root = ET.fromstring(content)
     except (ET.ParseError, ValueError, LookupError) as error:  # ValueError: unknown encodings
@@ -87,6 +91,8 @@ def kinematic_model(robot: Any) -> Any:
 
     Its scene graph holds frames only: drawing the shapes takes longer than all the rest.
     """
+    import yourdfpy
+
     visuals = [link.visuals for link in robot.links]
     try:
         for link in robot.links:
@@ -98,6 +104,8 @@ def kinematic_model(robot: Any) -> Any:
 
 
 def _parse(path: Path, content: bytes) -> Any:
+    import yourdfpy
+
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # what is wrong is refused by _check, in our words
