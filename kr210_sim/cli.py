@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import difflib
+import errno
 import io
 import os
 import re
@@ -73,6 +74,9 @@ def main(argv: Sequence[str] | None = None) -> int:
         print(f"kr210-sim: {error}", file=sys.stderr)
         return EXIT_INTERNAL
     except OSError as error:
+        if error.errno == errno.ENAMETOOLONG:  # only what was given can be: our own names are short
+            print(f"kr210-sim: {error.filename}: too long for a file; give a path", file=sys.stderr)
+            return EXIT_BAD_INPUT
         print(f"kr210-sim: {error}; what is finished is kept", file=sys.stderr)
         return EXIT_INTERNAL
     except Exception:

@@ -116,6 +116,26 @@ def test_an_unknown_or_incomplete_option_is_refused_in_one_line(here, capfd, arg
 
 
 @pytest.mark.parametrize(
+    "arguments",
+    [
+        ["run", "--randomize", "9" * 400],
+        ["run", "--out", "9" * 400],
+        ["run", "--junit", "9" * 400],
+        ["report", "9" * 400],
+        ["compare", "9" * 400, "b"],
+        ["grade", "9" * 400],
+    ],
+    ids=lambda arguments: " ".join(arguments[:-1])[:20],
+)
+def test_a_name_too_long_for_a_file_is_refused_in_one_line(here, capfd, arguments):
+    assert main(arguments) == 2
+    error = capfd.readouterr().err
+    assert error.count("\n") == 1
+    assert "too long" in error
+    assert not any(here.iterdir())
+
+
+@pytest.mark.parametrize(
     ("arguments", "remedy"),
     [
         (["run", "--cycels", "3"], "--cycles?"),
