@@ -1,62 +1,22 @@
-"""Analytic inverse kinematics of six-axis arms with a spherical wrist, in NumPy alone."""
+"""Analytic inverse kinematics of six-axis arms with a spherical wrist, in NumPy alone.
 
-from .arm import KR210, Arm
-from .chain import Axes, chain_axes, chain_frames
-from .choice import joint_time, nearest, slide_wrist
-from .dh import DH, dh_from_chain, from_dh
-from .exceptions import IKError, InvalidPose, UnsupportedArm
-from .geometry import from_chain
-from .kinematics import (
-    forward,
-    jacobian,
-    link_frames,
-    manipulability,
-    singular,
-    singularity_distances,
-    wrist_center,
-)
-from .limits import Turns, turns, within_limits
-from .numeric import NumericOptions, inverse_numeric, numeric_solver
-from .poses import check_poses
-from .sequence import JointPath, best_sequence, greedy_sequence
-from .solve import Solutions, inverse
-from .symbolic import dh_formulas, pose_formula
+The public names are those of `names.py`. NumPy is loaded with the first of them that is asked for.
+"""
 
-__all__ = [
-    "DH",
-    "KR210",
-    "Arm",
-    "Axes",
-    "IKError",
-    "InvalidPose",
-    "JointPath",
-    "NumericOptions",
-    "Solutions",
-    "Turns",
-    "UnsupportedArm",
-    "best_sequence",
-    "chain_axes",
-    "chain_frames",
-    "check_poses",
-    "dh_formulas",
-    "dh_from_chain",
-    "forward",
-    "from_chain",
-    "from_dh",
-    "greedy_sequence",
-    "inverse",
-    "inverse_numeric",
-    "jacobian",
-    "joint_time",
-    "link_frames",
-    "manipulability",
-    "nearest",
-    "numeric_solver",
-    "pose_formula",
-    "singular",
-    "singularity_distances",
-    "slide_wrist",
-    "turns",
-    "within_limits",
-    "wrist_center",
-]
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from .names import *  # noqa: F403
+else:  # or a type checker would take any name for a public one
+
+    def __getattr__(name: str) -> Any:
+        """Load a public name when it is first asked for (PEP 562)."""
+        names = import_module(".names", __name__)
+        if name != "__all__" and name not in names.__all__:
+            raise AttributeError(f"module '{__name__}' has no attribute '{name}'")
+        globals()[name] = found = getattr(names, name)
+        return found
+
+    def __dir__() -> list[str]:
+        return sorted({*globals(), *__getattr__("__all__")})

@@ -6,12 +6,15 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
+
 import ik
 
 IMPORT = """
 import sys
 before = set(sys.modules)
 import ik
+ik.inverse  # loads all of it
 new = {name.partition(".")[0] for name in set(sys.modules) - before}
 print(*sorted(new - {"ik", "numpy"} - sys.stdlib_module_names))
 """
@@ -24,6 +27,22 @@ def test_it_imports_numpy_and_nothing_else():
     )
     foreign = [name for name in done.stdout.split() if not name.startswith("_")]
     assert foreign == []
+
+
+def test_numpy_comes_with_the_first_name_that_is_asked_for():
+    script = "import sys, ik; before = 'numpy' in sys.modules; ik.inverse; from ik import *"
+    script += "; print(before, 'numpy' in sys.modules, inverse is ik.inverse, KR210 is ik.KR210)"
+    where = Path(ik.__file__).parents[1]
+    done = subprocess.run(
+        [sys.executable, "-c", script], cwd=where, capture_output=True, text=True, check=True
+    )
+    assert done.stdout.split() == ["False", "True", "True", "True"]
+
+
+def test_a_name_that_is_not_there_is_named():
+    with pytest.raises(AttributeError, match="'ik' has no attribute 'invert'"):
+        _ = ik.invert
+    assert set(ik.__all__) <= set(dir(ik))
 
 
 def test_every_exported_name_resolves():
