@@ -1,4 +1,4 @@
-"""Whether the links and joints of a URDF form one tree: checked before anything walks along it."""
+"""Whether links and joints of a URDF form one tree of numbers to reckon with: checked at first."""
 
 from __future__ import annotations
 
@@ -12,6 +12,9 @@ MAX_DEPTH = 100
 
 MAX_NAME = 200
 """Characters of a name, which becomes part of a file's."""
+
+LARGEST = 1e50
+"""A larger number means nothing, and products of some are too large for the computer."""
 
 _WORLD = "world"
 """What MuJoCo calls its own root."""
@@ -70,6 +73,8 @@ def check_tree(where: str, robot: ET.Element) -> None:
         raise BadInput(f"{where}: links {listed} have no parent; join them to one tree")
     _check_mimics(where, joints)
     _check_shapes(where, robot.findall("link"))
+    for element in (*robot.findall("link"), *joints):
+        _check_numbers(f"{where}: {element.tag} '{element.get('name')}'", element)
 
 
 def _names(where: str, elements: Iterable[ET.Element]) -> dict[str, None]:
@@ -123,3 +128,20 @@ def _check_shapes(where: str, links: Iterable[ET.Element]) -> None:
                         f"{where}: link '{link.get('name')}': a <{kind}> has no geometry; give it "
                         "a shape or remove it"
                     )
+
+
+def _check_numbers(where: str, element: ET.Element) -> None:
+    for part in element.iter():
+        for attribute, text in part.items():
+            for word in text.split():
+                if LARGEST < _size(word) < float("inf"):  # what is infinite is refused by its field
+                    field = f"<{part.tag}> {attribute} {word}"
+                    raise BadInput(f"{where}: {field} is too large; correct it")
+
+
+def _size(word: str) -> float:
+    """Return the absolute value of a number, 0 of what is none."""
+    try:
+        return abs(float(word))
+    except ValueError:
+        return 0.0

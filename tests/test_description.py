@@ -221,6 +221,7 @@ def set_on(path: str, **values: str) -> Callable[[ET.Element], None]:
 
 
 set_limit = partial(set_on, "joint[@name='joint_3']/limit")
+set_origin = partial(set_on, "joint[@name='joint_3']/origin")
 set_inertia = partial(set_on, "link[@name='link_3']/inertial/inertia")
 
 
@@ -251,10 +252,14 @@ def set_joint(attribute: str, value: str) -> Callable[[ET.Element], None]:
         pytest.param(set_limit(upper="wide"), (), id="upper no number"),
         pytest.param(set_limit(velocity="0"), ("joint_3", "velocity"), id="velocity 0"),
         pytest.param(set_limit(velocity="-1"), ("joint_3", "velocity"), id="velocity < 0"),
+        pytest.param(set_limit(velocity="1e308"), ("joint_3", "velocity"), id="velocity too large"),
         pytest.param(set_limit(effort="nan"), ("joint_3", "effort"), id="effort nan"),
+        pytest.param(set_origin(xyz="0 nan 0"), ("joint_3", "origin"), id="origin nan"),
+        pytest.param(set_origin(xyz="0 1e308 0"), ("joint_3", "origin"), id="origin too far"),
         pytest.param(set_mass("0"), ("link_3", "mass"), id="mass 0"),
         pytest.param(set_mass("-71"), ("link_3", "mass"), id="mass < 0"),
         pytest.param(set_mass("nan"), ("link_3", "mass"), id="mass nan"),
+        pytest.param(set_mass("1e60"), ("link_3", "mass"), id="mass too large"),
         pytest.param(set_mass("heavy"), (), id="mass no number"),
         pytest.param(set_inertia(ixx="nan"), ("link_3", "inertia"), id="inertia nan"),
         pytest.param(set_joint("type", "floating"), ("joint_3", "floating"), id="joint type"),
