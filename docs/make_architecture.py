@@ -22,8 +22,8 @@ BOX, GAP = (176, 34), (200, 62)
 STEPS = {
     "inverse kinematics": "ik",
     "ground": "exceptions arrays resources criteria record interrupts stats schemas",
-    "options": "config options source randomize draws film.format grading.source viewers.address "
-    "viewers.pace progress",
+    "options": "config options kinds source randomize draws film.format grading.source "
+    "viewers.address viewers.pace progress",
     "description": "packages safe_xml expand urdf_tree inertials dae meshes shapes description",
     "robot": "gripper arm robot dynamics effort kinematics",
     "world": "geometry mjcf physics loading scene simulation mjcf_files",

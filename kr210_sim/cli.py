@@ -32,6 +32,13 @@ from kr210_sim.verbs.common import (
     add_version,
 )
 
+_REMEDIES = {
+    r"invalid float value: (.*)": r"\1 is no number; give one",
+    r"expected one argument$": "its value is missing; give one",
+    r"expected (\d+) arguments$": r"give \1 values",
+}
+"""What argparse says -> what to do."""
+
 _ALONE = ("-h", "--help", "--version")
 VERBS = (run, report, render, view, grade, ik, dh, convert, compare)
 
@@ -51,7 +58,10 @@ class _Parser(argparse.ArgumentParser):
         return super()._get_values(action, arg_strings)
 
     def error(self, message: str) -> NoReturn:
-        raise BadInput(message.replace("argument ", "", 1))
+        message = message.replace("argument ", "", 1)
+        for said, meant in _REMEDIES.items():
+            message = re.sub(said, meant, message)
+        raise BadInput(message)
 
 
 def main(argv: Sequence[str] | None = None) -> int:

@@ -13,6 +13,7 @@ from kr210_sim.criteria import CLEARANCE_CAP, CLEARANCE_FREE
 from kr210_sim.exceptions import BadInput
 from kr210_sim.film.format import FPS, SIZE, Format, make_format
 from kr210_sim.grading.source import FRAMES, SCOPES, SolverLimits, SolverSource
+from kr210_sim.kinds import of_kind
 from kr210_sim.randomize import Randomization, read_randomization
 from kr210_sim.source import RobotSource
 from kr210_sim.viewers.address import HOST, PORT, VIEWERS
@@ -162,13 +163,12 @@ class RunConfig:
     port: int = _option(PORT, "port that --viewer web listens on", "N")
 
     def __post_init__(self) -> None:
-        """Check every value; lists, as JSON gives them, become tuples, and paths may be text."""
-        for name in ("robot", "out", "junit"):
-            if isinstance(value := getattr(self, name), str):
-                object.__setattr__(self, name, Path(value))
-        object.__setattr__(self, "package", tuple(self.package))
-        object.__setattr__(self, "xacro_arg", tuple(self.xacro_arg))
-        object.__setattr__(self, "camera", tuple(self.camera))
+        """Check every value; lists become tuples, paths may be text, and a cell a number."""
+        for name, (default, about) in self.metadata().items():
+            value = getattr(self, name)
+            if value is not None or default is not None:
+                value = of_kind("--" + name.replace("_", "-"), value, about["kind"])
+                object.__setattr__(self, name, value)
         if not 1 <= self.cycles <= MAX_CYCLES:
             raise BadInput(
                 f"--cycles: {_short(self.cycles)} is out of range; give 1 to {MAX_CYCLES}"

@@ -10,6 +10,7 @@ from typing import Any
 
 from kr210_sim.config import RunConfig
 from kr210_sim.exceptions import BadInput
+from kr210_sim.kinds import of_kind
 
 _OF_ITS_RUN = ("out", "resume")
 """What the config.json of a run says of that run alone."""
@@ -65,7 +66,7 @@ def read_options(path: Path) -> dict[str, Any]:
         if name in found:
             raise BadInput(f"--config: {path}: '{key}' stands there twice")
         if value is not None:
-            found[name] = _value(path, key, value, known[name][1]["kind"])
+            found[name] = of_kind(f"--config: {path}: {key}", value, known[name][1]["kind"])
     return found
 
 
@@ -74,36 +75,13 @@ def _parse(path: Path) -> dict[str, Any]:
         text = path.read_text(encoding="utf-8")
         content = tomllib.loads(text) if path.suffix == ".toml" else json.loads(text)
     except OSError as error:
-        raise BadInput(f"--config: {path} cannot be read ({error.strerror})") from error
+        why = f"cannot be read ({error.strerror})"
+        raise BadInput(f"--config: {path} {why}; give a .toml or .json file") from error
     except (ValueError, RecursionError) as error:
         form = "TOML" if path.suffix == ".toml" else "JSON"
-        raise BadInput(f"--config: {path} is not {form}: {error}") from error
+        raise BadInput(
+            f"--config: {path} is not {form} ({error}); correct it, or give a .toml or .json file"
+        ) from error
     if not isinstance(content, dict):
         raise BadInput(f"--config: {path}: give an object of option names and values")
     return content
-
-
-def _value(path: Path, key: str, value: Any, kind: type) -> Any:
-    """Return a value as the kind of its option, which a file must give as it is."""
-    wanted = {int: "a whole number", float: "a number", bool: "true or false", tuple: "a list"}
-    if kind is bool and isinstance(value, bool):
-        return value
-    if not isinstance(value, bool):
-        if kind is float and isinstance(value, int | float):
-            return _float(path, key, value)
-        if kind is int and isinstance(value, int):
-            return value
-        if kind is str and isinstance(value, str | int):  # cell = 5
-            return str(value)
-        if kind is Path and isinstance(value, str) and "\0" not in value:
-            return Path(value)
-        if kind is tuple and isinstance(value, list) and all(isinstance(x, str) for x in value):
-            return tuple(value)
-    raise BadInput(f"--config: {path}: {key}: {value!r:.60} is not {wanted.get(kind, 'a text')}")
-
-
-def _float(path: Path, key: str, value: float) -> float:
-    try:
-        return float(value)
-    except OverflowError as error:
-        raise BadInput(f"--config: {path}: {key}: the number is too large") from error

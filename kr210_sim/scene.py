@@ -172,7 +172,8 @@ def build_scene(path: Path, robot: Robot, robot_spec: mujoco.MjSpec) -> Scene:
         spec = mujoco.MjSpec.from_file(str(path))
         world = spec.compile()
     except (ValueError, mujoco.FatalError) as error:
-        raise BadInput(f"{path}: MuJoCo cannot read it: {' '.join(str(error).split())}") from error
+        why = " ".join(str(error).split())
+        raise BadInput(f"{path}: MuJoCo cannot read it ({why}); give an MJCF file") from error
     data = mujoco.MjData(world)
     mujoco.mj_kinematics(world, data)
     T_world_base = _site_pose(path, world, data, "robot_base")

@@ -148,9 +148,16 @@ def test_a_name_too_long_for_a_file_is_refused_in_one_line(here, capfd, argument
         (["compere", "a", "b"], "did you mean compare?"),
         (["xyzzy"], "give one of run, report,"),
         ([], "--help"),
+        (["run", "--mass", "1kg"], "--mass: '1kg' is no number; give one"),
+        (["run", "--mass"], "--mass: its value is missing; give one"),
+        (["ik", "--position", "1", "2"], "--position: give 3 values"),
+        (
+            ["run", "--config", "my.toml"],
+            "(No such file or directory); give a .toml",
+        ),
     ],
 )
-def test_a_mistyped_option_is_told_which_one_was_meant(here, capfd, arguments, remedy):
+def test_what_is_mistyped_is_told_with_what_was_meant(here, capfd, arguments, remedy):
     assert main(arguments) == 2
     assert remedy in capfd.readouterr().err
 

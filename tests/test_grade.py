@@ -331,3 +331,15 @@ def test_a_solver_that_is_lost_is_started_again_a_few_times(robot, monkeypatch):
     solver = ForeignSolver(SolverSource(module="dying"), robot)
     kinds = [solver.ask(np.eye(4)[None], HOME).finding.kind for _ in range(5)]
     assert kinds == ["died"] * 3 + ["not_tried"] * 2
+
+
+@pytest.mark.parametrize("more", [(), ("--debug-cases", "2")], ids=["grade", "debug cases"])
+def test_a_mistyped_function_is_bad_input_and_no_failed_solver(tmp_path, capsys, more):
+    path = tmp_path / "my_ik.py"
+    path.write_text("def solve(T_base_palm, q_start):\n    raise ValueError\n")
+    out = tmp_path / "out"
+    assert main(["grade", f"{path}:slove", "--out", str(out), *more]) == 2
+    error = capsys.readouterr().err
+    assert "there is no function slove; it has solve" in error
+    assert error.count("\n") == 1
+    assert not out.exists()

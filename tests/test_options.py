@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import json
+import re
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from kr210_sim.config import RunConfig
@@ -81,3 +83,28 @@ def test_broken_toml_is_refused(tmp_path):
     (tmp_path / "a.toml").write_text("cycles = ")
     with pytest.raises(BadInput, match="not TOML"):
         read_options(tmp_path / "a.toml")
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"cycles": "ten"}, "--cycles: 'ten' is not a whole number"),
+        ({"jobs": 1.5}, "--jobs: 1.5 is not a whole number"),
+        ({"mass": "1"}, "--mass: '1' is not a number"),
+        ({"cycles": None}, "--cycles: None is not a whole number"),
+        ({"min_success": True}, "--min-success: True is not a number"),
+        ({"resume": "yes"}, "--resume: 'yes' is not true or false"),
+        ({"out": 5}, "--out: 5 is not a text"),
+        ({"camera": "front"}, "--camera: 'front' is not a list of texts"),
+        ({"cell": 0}, "--cell: '0' is no cell"),
+    ],
+)
+def test_a_script_that_gives_another_kind_of_value_is_told(options, message):
+    with pytest.raises(BadInput, match=re.escape(message)):
+        RunConfig(**options)
+
+
+def test_a_script_may_give_numbers_of_numpy_and_paths_as_text(tmp_path):
+    config = RunConfig(cell=5, cycles=np.int64(3), mass=np.float32(0.5), out=str(tmp_path))
+    assert (config.cell, config.cycles, config.mass, config.out) == ("5", 3, 0.5, tmp_path)
+    json.dumps(config.as_json())

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from kr210_sim.arrays import Array
-from kr210_sim.exceptions import CycleFailure
+from kr210_sim.exceptions import BadInput, CycleFailure
 from kr210_sim.grading.findings import Finding, Refused
 from kr210_sim.grading.process import KEPT_OUTPUT, Answer, SolverProcess
 from kr210_sim.grading.source import SolverLimits, SolverSource
@@ -143,3 +143,13 @@ class ForeignSolver:
         self.output += process.output[:room]
         self.output_bytes += process.output_bytes
         process.output, process.output_bytes = b"", 0
+
+
+def refuse_mistyped(source: SolverSource, refused: Refused) -> None:
+    """Tell the user that the function which was named is not there: that is no fault of a solver.
+
+    Raises:
+        BadInput: if it is that for which the solver was refused.
+    """
+    if source.function is not None and refused.finding.kind == "not_found":
+        raise BadInput(f"SOLVER: {refused.finding.text(source.name)}") from refused

@@ -20,7 +20,7 @@ from kr210_sim.episodes import load_world, plan_episodes, run_episode, setup_of
 from kr210_sim.exceptions import BadInput
 from kr210_sim.grading.diagnosis import diagnose
 from kr210_sim.grading.findings import Finding, Refused
-from kr210_sim.grading.foreign import Asked, ForeignSolver
+from kr210_sim.grading.foreign import Asked, ForeignSolver, refuse_mistyped
 from kr210_sim.grading.poses import Leg, LegMarks, mark_leg, rows_of, summarize_marks
 from kr210_sim.grading.source import FRAMES, SCOPES, SolverLimits, SolverSource
 from kr210_sim.record import stage_label
@@ -122,12 +122,15 @@ OnCycle = Callable[[dict[str, Any]], None]
 def grade(
     source: SolverSource, config: GradeConfig, *, on_cycle: OnCycle = lambda line: None
 ) -> Grade:
-    """Grade a solver; whatever is wrong with it is in the result.
+    """Grade a solver; whatever is wrong with it is in the result, but a mistyped function is not.
 
     Args:
         source: where it is.
         config: the options.
         on_cycle: called with every cycle as it is finished.
+
+    Raises:
+        BadInput: if the function that `source` names is not there.
     """
     scene = _scene(config.run_config())
     grading = _Grading(source, config, scene)
@@ -171,6 +174,7 @@ class _Grading:
         try:
             self._observe()
         except Refused as refused:
+            refuse_mistyped(self.solver.source, refused)
             self._findings.append(refused.finding)
             return False
         return True

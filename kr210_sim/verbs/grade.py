@@ -104,7 +104,7 @@ def _debug(source: SolverSource, config: Any, options: argparse.Namespace) -> in
 
     from kr210_sim.grading.debug_cases import GOLDEN, debug_report, random_cases
     from kr210_sim.grading.findings import Refused
-    from kr210_sim.grading.foreign import ForeignSolver
+    from kr210_sim.grading.foreign import ForeignSolver, refuse_mistyped
     from kr210_sim.loading import read_robot
     from kr210_sim.source import RobotSource
 
@@ -119,6 +119,7 @@ def _debug(source: SolverSource, config: Any, options: argparse.Namespace) -> in
         try:
             text, passed = debug_report(solver, robot, cases)
         except Refused as refused:  # it cannot be loaded
+            refuse_mistyped(source, refused)
             print(refused.finding.text(solver.source.name))
             return EXIT_GATE
     print(text)
@@ -156,6 +157,7 @@ def _single(source: SolverSource, config: Any, options: argparse.Namespace) -> i
     from kr210_sim.summary import HEADER, cycle_line
 
     out = _out(options)
+    is_new = not out.exists()
     open_folder(out, resume=False, of_class=False)
     text = sys.stderr if options.json else sys.stdout
     header = [HEADER]
@@ -165,7 +167,12 @@ def _single(source: SolverSource, config: Any, options: argparse.Namespace) -> i
             print(header.pop(), file=text)
         print(cycle_line(line), file=text, flush=True)
 
-    content = grade(source, config, on_cycle=show).content
+    try:
+        content = grade(source, config, on_cycle=show).content
+    except BadInput:
+        if is_new:
+            out.rmdir()
+        raise
     write_grade(out, content)
     print(f"\n{grade_text(content)}\nresults        {out / PAGES[0]}", file=text)
     if options.json:
