@@ -99,7 +99,7 @@ def written_by(command: str) -> set[str]:
     """Return the files and folders that a command makes where it is run, by their names."""
     words = shlex.split(command)
     named = {words[i + 1] for i, word in enumerate(words) if word in ("--out", "-o", "--junit")}
-    return named | ({words[-1]} if words[0] == "cp" else set())
+    return named | ({words[-1]} if words[0] in ("cp", "mv") else set())
 
 
 def test_what_the_commands_write_is_no_change_to_git():
