@@ -143,7 +143,7 @@ def _check_origin(where: str, element: Any) -> None:
 
 
 def _check_limit(where: str, joint: Any) -> None:
-    if joint.axis is not None and not np.linalg.norm(joint.axis) > 0:
+    if joint.axis is not None and not 0.0 < np.linalg.norm(joint.axis) < math.inf:
         raise BadInput(f"{where}: <axis> has no direction; give one")
     if joint.limit is None:
         raise BadInput(f"{where}: <limit> is missing; give lower, upper, effort and velocity")

@@ -149,6 +149,10 @@ def test_a_name_too_long_for_a_file_is_refused_in_one_line(here, capfd, argument
         (["xyzzy"], "give one of run, report,"),
         ([], "--help"),
         (["run", "--mass", "1kg"], "--mass: '1kg' is no number; give one"),
+        (
+            ["run", "--ik", "my_ik.py"],
+            "--ik: 'my_ik.py' needs its function: give it as FILE.py:FUNC",
+        ),
         (["run", "--mass"], "--mass: its value is missing; give one"),
         (["ik", "--position", "1", "2"], "--position: give 3 values"),
         (

@@ -222,6 +222,7 @@ def set_on(path: str, **values: str) -> Callable[[ET.Element], None]:
 
 set_limit = partial(set_on, "joint[@name='joint_3']/limit")
 set_origin = partial(set_on, "joint[@name='joint_3']/origin")
+set_axis = partial(set_on, "joint[@name='joint_3']/axis")
 set_inertia = partial(set_on, "link[@name='link_3']/inertial/inertia")
 
 
@@ -256,6 +257,9 @@ def set_joint(attribute: str, value: str) -> Callable[[ET.Element], None]:
         pytest.param(set_limit(effort="nan"), ("joint_3", "effort"), id="effort nan"),
         pytest.param(set_origin(xyz="0 nan 0"), ("joint_3", "origin"), id="origin nan"),
         pytest.param(set_origin(xyz="0 1e308 0"), ("joint_3", "origin"), id="origin too far"),
+        pytest.param(set_axis(xyz="0 0 0"), ("joint_3", "axis"), id="axis 0"),
+        pytest.param(set_axis(xyz="0 inf 0"), ("joint_3", "axis"), id="axis inf"),
+        pytest.param(set_axis(xyz="0 nan 0"), ("joint_3", "axis"), id="axis nan"),
         pytest.param(set_mass("0"), ("link_3", "mass"), id="mass 0"),
         pytest.param(set_mass("-71"), ("link_3", "mass"), id="mass < 0"),
         pytest.param(set_mass("nan"), ("link_3", "mass"), id="mass nan"),

@@ -79,6 +79,8 @@ class SolverSource:
         where, colon, function = text.rpartition(":")
         names = function.split(".")
         if not colon or not where or not all(name.isidentifier() for name in names):
+            if text.endswith(".py"):
+                raise BadInput(f"'{text:.80}' needs its function: give it as FILE.py:FUNC")
             known = ", ".join((*others, "FILE.py:FUNC"))
             raise BadInput(f"no solver '{text:.80}'; give {known} or MODULE:FUNC")
         if where.endswith(".py") or "/" in where:
